@@ -1,0 +1,57 @@
+# fl3d: `make help` lists what there is. Everything runs in .venv, which is made at first use.
+# Options: DATA=simulated|kitti_sample|kitti  KITTI=folder  PROFILE=quick|tiny|paper  ARGS="any Hydra overrides"
+
+PYTHON ?= python3
+PROFILE ?= quick
+DATA ?= simulated
+KITTI ?=
+ARGS ?=
+BIN := .venv/bin
+OVERRIDES = data=$(DATA) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(ARGS)
+
+export OMP_NUM_THREADS := 1
+
+.PHONY: help install sweep-% tables ui check format test test-slow clean
+
+help:  ## list the targets
+	@echo "Targets (options: DATA=simulated|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|paper ARGS='...'):"
+	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16 | sed 's/^/  /; s/%/NAME/'
+	@echo "Sweeps (make sweep-NAME):" $(basename $(notdir $(wildcard sweeps/*.yaml)))
+
+install: .venv/installed  ## make .venv with the pinned packages
+
+.venv/installed: pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fl3d needs Python 3.11 or newer")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+sweep-%: .venv/installed  ## train, score and tabulate sweeps/NAME.yaml; again: goes on, or says that all is done
+	@test -f sweeps/$*.yaml || { echo "no sweeps/$*.yaml; there are: $(basename $(notdir $(wildcard sweeps/*.yaml)))" >&2; exit 2; }
+	$(BIN)/python -m fl3d -m +sweep=$* $(OVERRIDES)
+
+tables: .venv/installed  ## make the tables and figures again from what is stored
+	$(BIN)/python -m fl3d tables +sweep=gamma $(OVERRIDES)
+
+ui: .venv/installed  ## browse every checkpoint in MLflow, on this machine alone
+	$(BIN)/python -m fl3d ui
+
+check: .venv/installed  ## lint, types, and that imports only go down
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/pytest -q tests/test_structure.py
+
+format: .venv/installed  ## mend layout and what the linter can
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+test: check  ## everything but the slow campaigns
+	$(BIN)/pytest -q -m "not slow"
+
+test-slow: check  ## the slow campaigns too
+	$(BIN)/pytest -q
+
+clean:  ## remove .venv and caches; runs/ and data/ stay
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,119 @@
+"""The command line: Hydra's for training and sweeps, and a few commands beside it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+# One thread a process: two processes of one thread beat one of two. Before numpy and torch are loaded.
+for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from fl3d.config import CONF, MAIN, check_overrides, compose_config  # noqa: E402
+from fl3d.errors import Fl3dError  # noqa: E402
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command; anything that is not the name of one goes to Hydra."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        if given and given[0] in COMMANDS:
+            COMMANDS[given[0]](given[1:])
+        else:
+            train(given)
+    except Fl3dError as error:
+        sys.exit(f"fl3d: {error}")
+    except KeyboardInterrupt:
+        sys.exit("\nfl3d: interrupted; run the same command to go on from the last checkpoints")
+
+
+def train(arguments: list[str]) -> None:
+    """Train one trial, or with -m a sweep."""
+    import hydra
+    from omegaconf import DictConfig
+
+    check_overrides([a for a in arguments if not a.startswith("-") and "=" in a])
+    warnings.filterwarnings("ignore", message=".*hydra.*", category=DeprecationWarning)
+
+    @hydra.main(config_path=str(CONF), config_name=MAIN, version_base="1.3")
+    def task(config: DictConfig) -> None:
+        from hydra.core.hydra_config import HydraConfig
+        from omegaconf import OmegaConf
+
+        from fl3d.config import resolve
+        from fl3d.pipeline import run_trials
+
+        hydra_config = HydraConfig.get()
+        launcher = OmegaConf.to_container(hydra_config.launcher, resolve=True)
+        assert isinstance(launcher, dict)
+        run_trials([(list(hydra_config.overrides.task), resolve(config))], {str(k): v for k, v in launcher.items()})
+
+    # Hydra would print an error and a hint of its own; with the full error on, ours comes through.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    sys.argv = ["python -m fl3d", *arguments]
+    task()
+
+
+def tables(arguments: list[str]) -> None:
+    """Make a sweep's tables again, without training anything."""
+    parser = _parser("tables", tables.__doc__)
+    parser.add_argument(
+        "overrides", nargs="*", help="as for training, such as +sweep=gamma profile=quick data=kitti_sample"
+    )
+    overrides = parser.parse_args(arguments).overrides
+    from fl3d.pipeline import report_from_store
+
+    report_from_store(compose_config(overrides or ["+sweep=gamma"]))
+
+
+def simulate(arguments: list[str]) -> None:
+    """Write a simulated KITTI folder below OUT."""
+    from fl3d.data.simulator.generate import Settings, generate
+
+    parser = _parser("simulate", simulate.__doc__)
+    parser.add_argument("out", type=Path, metavar="OUT")
+    parser.add_argument("--train", type=int, default=400, help="training frames (default: 400)")
+    parser.add_argument("--val", type=int, default=300, help="validation frames (default: 300)")
+    parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
+    options = parser.parse_args(arguments)
+    print(generate(options.out, Settings(options.train, options.val, options.seed)))
+
+
+def ui(arguments: list[str]) -> None:
+    """Browse the store in MLflow's user interface, on this machine alone."""
+    from fl3d.errors import StoreError
+    from fl3d.store import Store
+
+    parser = _parser("ui", ui.__doc__)
+    parser.add_argument("--root", type=Path, default=Path("runs"), help="folder of the store (default: runs)")
+    parser.add_argument("--port", type=int, default=5000, help="default: 5000")
+    options = parser.parse_args(arguments)
+    store = Store(options.root)
+    if not store.exists:
+        raise StoreError(f"{options.root}: there is no store yet; run a sweep first, such as: make sweep-gamma")
+    print(
+        f"Open http://127.0.0.1:{options.port}/#/experiments?workflowType=machine_learning (Ctrl-C ends it)", flush=True
+    )
+    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store.uri]
+    subprocess.run([*command, "--host", "127.0.0.1", "--port", str(options.port)], check=False)
+
+
+def stage(arguments: list[str]) -> None:
+    """Train one planned stage from its folder, in this process: what launchers start, for debuggers."""
+    parser = _parser("stage", stage.__doc__)
+    parser.add_argument("folder", type=Path, help="runs/stages/<key>")
+    from fl3d.training.run import run_stage
+
+    run_stage(parser.parse_args(arguments).folder)
+
+
+COMMANDS: dict[str, Callable[[list[str]], None]] = {"tables": tables, "simulate": simulate, "ui": ui, "stage": stage}
+
+
+def _parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    return argparse.ArgumentParser(prog=f"python -m fl3d {name}", description=description)

@@ -1,0 +1,165 @@
+"""The only module that knows Hydra: compose and resolve configs, and build objects from them."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from hydra.utils import get_class, instantiate
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from fl3d.errors import ConfigError, options
+from fl3d.records import Config
+
+CONF = Path(__file__).resolve().parent.parent / "conf"
+MAIN = "config"
+
+
+def compose_config(overrides: Sequence[str]) -> Config:
+    """Compose and resolve a config as the command line would.
+
+    Args:
+        overrides: in Hydra's grammar, such as ``detector=voxelnet`` or ``loss.gamma=2``.
+
+    Raises:
+        ConfigError: a group, option or key that does not exist (the message lists those that do).
+    """
+    check_overrides(overrides)
+    with _hydra():
+        return resolve(_compose(overrides))
+
+
+def resolve(config: DictConfig) -> Config:
+    """A composed config as plain values, without Hydra's own node.
+
+    Raises:
+        ConfigError: a value is missing, or an interpolation cannot be resolved.
+    """
+    plain = OmegaConf.create({k: v for k, v in config.items_ex(resolve=False) if k != "hydra"})
+    try:
+        container = OmegaConf.to_container(plain, resolve=True, throw_on_missing=True)
+    except OmegaConfBaseException as error:
+        raise ConfigError(str(error).splitlines()[0]) from None
+    assert isinstance(container, dict)
+    return {str(key): value for key, value in container.items()}
+
+
+def build(section: Config, name: str, **arguments: Any) -> Any:
+    """Make the object that a config section's ``_target_`` names.
+
+    Args:
+        section: ``_target_`` and its arguments.
+        name: of the section, for errors.
+        arguments: further ones, already objects.
+
+    Raises:
+        ConfigError: the target does not exist or does not take these arguments.
+    """
+    try:
+        # Partial, for Hydra would turn arguments that are dataclasses into configs.
+        make = instantiate({**section, "_partial_": True}, _convert_="all")
+    except HydraException as error:
+        cause = error.__cause__
+        raise (cause if isinstance(cause, ConfigError) else ConfigError(f"{name}: {error}")) from None
+    try:
+        inspect.signature(make).bind(**arguments)
+    except TypeError as error:
+        raise ConfigError(f"{name}: {section['_target_']}: {error}") from None
+    return make(**arguments)
+
+
+def locate(target: str, name: str) -> Any:
+    """The class that a ``_target_`` names.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    try:
+        return get_class(target)
+    except Exception as error:
+        raise ConfigError(f"{name}: {error}") from None
+
+
+def check_overrides(overrides: Sequence[str]) -> None:
+    """Refuse misspelt groups, options and keys, saying which there are.
+
+    Raises:
+        ConfigError: the first override that does not fit.
+    """
+    try:
+        parsed = OverridesParser.create().parse_overrides(list(overrides))
+    except HydraException as error:
+        raise ConfigError(f"{error}") from None
+    groups = {p.parent.relative_to(CONF).as_posix() for p in CONF.rglob("*.yaml")} - {"."}
+    chosen: list[str] = []
+    keys: list[tuple[str, str]] = []
+    for override in parsed:
+        key = override.key_or_group
+        if key.startswith("hydra"):
+            continue
+        if key in groups:
+            for option in _choices(override.value()):
+                _check_option(key, option)
+            first = _choices(override.value())[0]
+            plus = "+" if override.is_add() else ""
+            chosen.append(f"{plus}{key}={first}")
+        elif not override.is_add():
+            keys.append((override.input_line or key, key))
+    if keys:
+        with _hydra():
+            base = _compose(chosen)
+            for line, key in keys:
+                _check_key(base, key, line, groups)
+
+
+def _choices(value: Any) -> list[str]:
+    choices = getattr(value, "list", None)  # a sweep such as detector=fcn3d,voxelnet
+    return [str(v) for v in choices] if choices is not None else [str(value)]
+
+
+def _check_option(group: str, option: str) -> None:
+    present = [p.stem for p in (CONF / group).glob("*.yaml")]
+    if option not in present:
+        raise ConfigError(f"{group}={option}: no such file in conf/{group}. {options(option, present)}")
+
+
+def _check_key(base: DictConfig, key: str, line: str, groups: set[str]) -> None:
+    node: Any = base
+    parts = key.split(".")
+    for depth, part in enumerate(parts):
+        if not OmegaConf.is_dict(node) or part not in node:
+            where = ".".join(parts[:depth])
+            present = [str(k) for k in node] if OmegaConf.is_dict(node) else []
+            if depth == 0:
+                raise ConfigError(f"{line}: no key or group '{part}'. {options(part, {*present, *groups} - {'hydra'})}")
+            raise ConfigError(f"{line}: no key '{part}' in '{where}'. {options(part, present)}")
+        node = OmegaConf.select(base, ".".join(parts[: depth + 1]), throw_on_resolution_failure=False)
+
+
+def _compose(overrides: Sequence[str]) -> DictConfig:
+    try:
+        return compose(MAIN, overrides=list(overrides), return_hydra_config=False)
+    except HydraException as error:
+        raise ConfigError(str(error).strip()) from None
+
+
+@contextmanager
+def _hydra() -> Iterator[None]:
+    """Hydra's global state, made for one composition; inside a Hydra application its own is put aside."""
+    outer = GlobalHydra.instance().hydra
+    GlobalHydra.instance().clear()
+    try:
+        with initialize_config_dir(str(CONF), version_base="1.3"):
+            yield
+    finally:
+        GlobalHydra.instance().clear()
+        if outer is not None:
+            GlobalHydra.instance().initialize(outer)

@@ -1,0 +1,1 @@
+"""KITTI folders: read, write, simulate, and turn into training samples."""

@@ -1,0 +1,161 @@
+"""Read the KITTI 3D object folder: ``training/{velodyne,label_2,calib,image_2}`` and ``ImageSets``.
+
+Geiger, Lenz, Urtasun: Are we ready for autonomous driving? The KITTI vision benchmark suite. CVPR 2012.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fl3d.data.calibration import MEAN, Calibration, read_calibration, read_lines
+from fl3d.data.labels import Labels, read_labels
+from fl3d.errors import DataError, options
+
+IMAGE_SIZE = (1242, 375)  # pixels; where a frame has no picture
+_CLOUD_SAMPLE = 4096  # bytes at either end of a cloud that enter the digest
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame.
+
+    Args:
+        id: six digits.
+        points_velo: (N, 4) float32: x, y, z in metres, reflectance in 0..1.
+        calibration: of this frame.
+        labels: every object of the label file.
+        image_size: (width, height) in pixels.
+    """
+
+    id: str
+    points_velo: NDArray[np.float32]
+    calibration: Calibration
+    labels: Labels
+    image_size: tuple[int, int]
+
+
+class KittiFolder:
+    """A KITTI object folder on disk.
+
+    Args:
+        root: holds ``training`` and ``ImageSets``.
+        crop: ``image`` keeps the points that project into the picture, ``none`` the whole sweep.
+        calibration: ``frame`` reads each frame's own; ``mean`` uses the training set's mean for all, as the
+            paper's code does.
+    """
+
+    def __init__(self, root: Path, crop: str = "image", calibration: str = "frame") -> None:
+        for value, possible, key in (
+            (crop, ("image", "none"), "crop"),
+            (calibration, ("frame", "mean"), "calibration"),
+        ):
+            if value not in possible:
+                raise DataError(f"data.{key}: no choice '{value}'. {options(value, possible)}", root)
+        self.root = root
+        self.crop = crop
+        self.calibration = calibration
+
+    def split(self, name: str) -> list[str]:
+        """Frame ids of ``ImageSets/NAME.txt``, in file order.
+
+        Raises:
+            DataError: the file is missing (the message lists those present) or a line is no frame id.
+        """
+        path = self.root / "ImageSets" / f"{name}.txt"
+        if not path.exists():
+            present = [p.stem for p in path.parent.glob("*.txt")]
+            raise DataError(f"no such split. {options(name, present)}", path)
+        ids = []
+        for number, line in enumerate(read_lines(path), start=1):
+            text = line.strip()
+            if text and not (text.isdigit() and len(text) == 6):
+                raise DataError(f"'{text}' is not a frame id of six digits", path, number)
+            if text:
+                ids.append(text)
+        return ids
+
+    def path(self, kind: str, frame_id: str) -> Path:
+        """Where a frame's file lies; ``kind`` is velodyne, label_2, calib or image_2."""
+        ending = {"velodyne": "bin", "image_2": "png"}.get(kind, "txt")
+        return self.root / "training" / kind / f"{frame_id}.{ending}"
+
+    def frame(self, frame_id: str) -> Frame:
+        """Read one frame.
+
+        Raises:
+            DataError: any of its files is missing or malformed.
+        """
+        calibration = self.read_calibration(frame_id)
+        size = self.image_size(frame_id)
+        points = read_cloud(self.path("velodyne", frame_id))
+        if self.crop == "image":
+            points = points[calibration.in_image(points, size)]
+        return Frame(frame_id, points, calibration, self.read_labels(frame_id), size)
+
+    def read_labels(self, frame_id: str) -> Labels:
+        """Labels of one frame, without its cloud."""
+        return read_labels(self.path("label_2", frame_id))
+
+    def read_calibration(self, frame_id: str) -> Calibration:
+        """Calibration of one frame, or the mean one."""
+        return MEAN if self.calibration == "mean" else read_calibration(self.path("calib", frame_id))
+
+    def image_size(self, frame_id: str) -> tuple[int, int]:
+        """(width, height) of the frame's picture, or KITTI's usual size where there is none."""
+        path = self.path("image_2", frame_id)
+        if not path.exists():
+            return IMAGE_SIZE
+        with Image.open(path) as image:
+            return image.size
+
+    def digest(self, frame_ids: Iterable[str]) -> str:
+        """Identity of the data of some frames, wherever they lie.
+
+        Labels and calibrations enter in full; of a cloud its size and both ends (a full KITTI has 14 GB of
+        clouds), so a change in a cloud's middle that keeps its size goes unnoticed.
+        """
+        digest = hashlib.sha256()
+        for frame_id in frame_ids:
+            digest.update(frame_id.encode())
+            for kind in ("label_2", "calib"):
+                digest.update(_read_bytes(self.path(kind, frame_id)))
+            cloud = self.path("velodyne", frame_id)
+            if not cloud.exists():
+                raise DataError("no such file", cloud)
+            size = cloud.stat().st_size
+            digest.update(str(size).encode())
+            with cloud.open("rb") as file:
+                digest.update(file.read(_CLOUD_SAMPLE))
+                file.seek(max(0, size - _CLOUD_SAMPLE))
+                digest.update(file.read(_CLOUD_SAMPLE))
+        return digest.hexdigest()[:16]
+
+
+def read_cloud(path: Path) -> NDArray[np.float32]:
+    """Read a velodyne file: (N, 4) float32 x, y, z, reflectance.
+
+    Raises:
+        DataError: missing, cut off within a point, or a coordinate is not finite.
+    """
+    raw = _read_bytes(path)
+    if len(raw) % 16:
+        raise DataError(f"{len(raw)} bytes are not a whole number of points of 16 bytes; cut off?", path)
+    points: NDArray[np.float32] = np.frombuffer(raw, dtype="<f4").reshape(-1, 4)
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        raise DataError(f"point {int(np.argmin(finite))} is not finite", path)
+    return points
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise DataError("no such file", path) from None

@@ -1,0 +1,58 @@
+"""From a config's `data` section to frames on disk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fl3d.data.dataset import subset
+from fl3d.data.kitti import KittiFolder
+from fl3d.data.simulator.generate import Settings, generate
+from fl3d.errors import ConfigError, DataError
+from fl3d.records import Config
+
+
+@dataclass(frozen=True)
+class PreparedData:
+    """Where the frames of a sweep lie, and which they are.
+
+    Args:
+        root: a KITTI folder.
+        train_ids: training frames.
+        val_ids: validation frames.
+        digest: identity of all of them.
+    """
+
+    root: Path
+    train_ids: tuple[str, ...]
+    val_ids: tuple[str, ...]
+    digest: str
+
+
+def prepare_data(data: Config) -> PreparedData:
+    """Find the frames, or simulate them where the config says so.
+
+    Args:
+        data: a config's ``data`` section.
+
+    Raises:
+        ConfigError: no folder is given, or a simulated set has no size.
+        DataError: the folder is no KITTI folder, or a file is missing or malformed.
+    """
+    if data["root"] is None:
+        raise ConfigError(
+            "data.root: where is KITTI? Give data.root=FOLDER (make: KITTI=FOLDER), holding training/ and ImageSets/"
+        )
+    root = Path(data["root"])
+    if data["generate"]:
+        if data["train_frames"] is None or data["val_frames"] is None:
+            raise ConfigError("data.train_frames, data.val_frames: a simulated dataset needs both numbers")
+        root = generate(root, Settings(data["train_frames"], data["val_frames"], data["seed"]))
+    elif not (root / "training").is_dir():
+        raise DataError("is no KITTI folder: it holds no 'training'", root)
+    folder = KittiFolder(root, data["crop"], data["calibration"])
+    train = subset(folder.split(data["train_split"]), data["train_frames"], data["seed"])
+    val = subset(folder.split(data["val_split"]), data["val_frames"], data["seed"])
+    if not train or not val:
+        raise DataError("a split without frames cannot be used", root / "ImageSets")
+    return PreparedData(root, tuple(train), tuple(val), folder.digest([*train, *val]))

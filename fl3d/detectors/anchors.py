@@ -1,0 +1,128 @@
+"""Anchors of VoxelNet: the grid, the matching and the box code (Zhou and Tuzel 2018, §2.1.2 and §3.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl3d.errors import ConfigError, options
+from fl3d.geometry.boxes import Array, rectangles_velo, standup
+from fl3d.geometry.iou import bev_iou, image_iou
+
+GRIDS = ("centers", "linspace")
+IOUS = ("standup", "rotated")
+
+
+@dataclass(frozen=True)
+class Anchors:
+    """Boxes of one size at every output cell, each turned to 0 and to 90 degrees.
+
+    Args:
+        range_velo: x0, y0, z0, x1, y1, z1 in metres.
+        shape: output cells along y, x.
+        size: h, w, l in metres.
+        z: of the anchors' bottom, metres.
+        grid: ``centers`` puts anchors at cell centres; ``linspace`` spaces them evenly from border to border,
+            as the paper's code does.
+        positive: an anchor above this overlap is positive; so is each object's best anchor.
+        negative: an anchor below this overlap with every object is negative; those between are ignored.
+        iou: between ``standup`` hulls (the code) or ``rotated`` rectangles.
+        iou_plus_one: add one metre to every extent in the overlap (a quirk of the code).
+    """
+
+    range_velo: Sequence[float]
+    shape: tuple[int, int]
+    size: tuple[float, float, float]
+    z: float
+    grid: str
+    positive: float
+    negative: float
+    iou: str
+    iou_plus_one: bool
+
+    def __post_init__(self) -> None:
+        for key, value, possible in (("grid", self.grid, GRIDS), ("iou", self.iou, IOUS)):
+            if value not in possible:
+                raise ConfigError(f"detector.anchors.{key}: no choice '{value}'. {options(value, possible)}")
+        if self.iou == "rotated" and self.iou_plus_one:
+            raise ConfigError("detector.anchors.iou_plus_one needs iou=standup")
+
+    def boxes_velo(self) -> NDArray[np.float64]:
+        """(Y * X * 2, 7), the two headings innermost."""
+        ys, xs = (
+            self._line(self.range_velo[a], self.range_velo[a + 3], n)
+            for a, n in ((1, self.shape[0]), (0, self.shape[1]))
+        )
+        y, x, yaw = np.meshgrid(ys, xs, [0.0, np.pi / 2], indexing="ij")
+        rest = np.broadcast_to([self.z, *self.size], (x.size, 4))
+        return np.column_stack([x.ravel(), y.ravel(), rest, yaw.ravel()])
+
+    def _line(self, low: float, high: float, count: int) -> Array:
+        if self.grid == "linspace":
+            return np.linspace(low, high, count)
+        return low + (np.arange(count) + 0.5) * (high - low) / count
+
+    def overlaps(self, anchors: Array, boxes: Array) -> NDArray[np.float64]:
+        """Overlap of anchors (A, 7) with objects (N, 7) -> (A, N)."""
+        a, b = rectangles_velo(anchors), rectangles_velo(boxes)
+        if self.iou == "rotated":
+            return bev_iou(a, b)
+        grow = np.array([0, 0, 1, 1]) if self.iou_plus_one else np.zeros(4)
+        return image_iou(standup(a) + grow, standup(b) + grow)
+
+    def assign(self, anchors: Array, boxes: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Match anchors to objects.
+
+        Args:
+            anchors: (A, 7).
+            boxes: (N, 7) objects.
+
+        Returns:
+            positive anchors (P,), the object of each (P,), and which anchors are negative (A,).
+        """
+        if len(boxes) == 0:
+            nothing = np.zeros(0, dtype=np.int64)
+            return nothing, nothing, np.ones(len(anchors), dtype=bool)
+        overlap = self.overlaps(anchors, boxes)
+        owner, best = overlap.argmax(axis=1), overlap.max(axis=1)
+        positive = best > self.positive
+        top = overlap.argmax(axis=0)
+        for n in np.flatnonzero(overlap[top, np.arange(len(boxes))] > 0):
+            positive[top[n]] = True
+            owner[top[n]] = n
+        chosen = np.flatnonzero(positive)
+        return chosen, owner[chosen], (best < self.negative) & ~positive
+
+
+def encode_boxes(boxes: Array, anchors: Array) -> NDArray[np.float64]:
+    """Residuals dx, dy over the anchor's diagonal, dz over its height, log size ratios h, w, l, and dyaw.
+
+    Args:
+        boxes: (N, 7) ``boxes_velo``.
+        anchors: (N, 7) ``boxes_velo``.
+    """
+    diagonal = np.hypot(anchors[:, 4], anchors[:, 5])[:, None]
+    return np.column_stack(
+        [
+            (boxes[:, :2] - anchors[:, :2]) / diagonal,
+            (boxes[:, 2] - anchors[:, 2]) / anchors[:, 3],
+            np.log(boxes[:, 3:6] / anchors[:, 3:6]),
+            boxes[:, 6] - anchors[:, 6],
+        ]
+    )
+
+
+def decode_boxes(residuals: Array, anchors: Array) -> NDArray[np.float64]:
+    """Inverse of ``encode_boxes``; sizes are held within exp(+-4) of the anchor's, whatever a network says."""
+    diagonal = np.hypot(anchors[:, 4], anchors[:, 5])[:, None]
+    return np.column_stack(
+        [
+            residuals[:, :2] * diagonal + anchors[:, :2],
+            residuals[:, 2] * anchors[:, 3] + anchors[:, 2],
+            np.exp(np.clip(residuals[:, 3:6], -4, 4)) * anchors[:, 3:6],
+            residuals[:, 6] + anchors[:, 6],
+        ]
+    )

@@ -1,0 +1,72 @@
+"""What every detector offers, and what it passes around."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from fl3d.data.kitti import Frame
+
+Sample = dict[str, NDArray[np.generic]]
+Batch = dict[str, Tensor]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a detector finds in one frame, before non-maximum suppression and score cut.
+
+    Args:
+        boxes_velo: (N, 7), see ``geometry.boxes``.
+        scores: (N,) posterior probabilities, falling.
+    """
+
+    boxes_velo: NDArray[np.float64]
+    scores: NDArray[np.float64]
+
+
+class Detector(nn.Module, ABC):
+    """A network that turns point clouds into boxes.
+
+    A subclass receives plain arguments (its YAML, and the loss) and never a config object.
+
+    Attributes:
+        VERSION: raised when the same config would train to another network; part of a stage's identity.
+        NAME: as the papers write it.
+        STAGES: the stages it can be trained in; a schedule names some of them, in this order.
+    """
+
+    VERSION: ClassVar[int] = 1
+    NAME: ClassVar[str]
+    STAGES: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
+        """Turn a frame into arrays: the network's input and, for training, its targets. Runs on the CPU.
+
+        Args:
+            frame: one frame.
+            rng: all randomness of the sample.
+            training: whether to add targets.
+        """
+
+    @abstractmethod
+    def collate(self, samples: list[Sample]) -> Batch:
+        """Join samples into the tensors of a batch, on the CPU."""
+
+    @abstractmethod
+    def loss(self, batch: Batch) -> Mapping[str, Tensor]:
+        """Named loss terms of a batch; training minimises their sum."""
+
+    @abstractmethod
+    def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
+        """Boxes of each frame of a batch: the best ``max_boxes`` above ``min_score``, not yet suppressed."""
+
+    @abstractmethod
+    def example(self) -> Batch:
+        """A batch of one empty frame, for counting FLOPs on the meta device."""

@@ -1,0 +1,88 @@
+"""Blocks that the detectors share."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from fl3d.errors import ConfigError, options
+
+ORDERS = ("conv_relu_norm", "conv_norm_relu")
+
+
+def conv_block(conv: nn.Module, norm: nn.Module, order: str) -> nn.Sequential:
+    """A convolution with ReLU and batch normalisation.
+
+    Args:
+        conv: the convolution.
+        norm: the normalisation of its output.
+        order: ``conv_relu_norm`` (paper, appendix B and C) or ``conv_norm_relu`` (its code).
+    """
+    if order not in ORDERS:
+        raise ConfigError(f"detector.norm_order: no order '{order}'. {options(order, ORDERS)}")
+    after = [nn.ReLU(), norm] if order == "conv_relu_norm" else [norm, nn.ReLU()]
+    return nn.Sequential(conv, *after)
+
+
+def init_he(network: nn.Module) -> None:
+    """He-normal weights over the fan-in and zero biases (He et al. 2015), drawn from torch's generator."""
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d | nn.Conv3d | nn.ConvTranspose2d | nn.Linear):
+            fan_in = _fan_in(module)
+            nn.init.normal_(module.weight, std=(2 / fan_in) ** 0.5)
+            if module.bias is not None:
+                nn.init.zeros_(module.bias)
+
+
+def _fan_in(module: nn.Module) -> float:
+    weight = module.weight
+    assert isinstance(weight, Tensor)
+    if isinstance(module, nn.ConvTranspose2d):  # each output pixel sees (kernel / stride)^2 taps
+        taps = weight[0, 0].numel() / (module.stride[0] * module.stride[1])
+        return weight.shape[0] * taps
+    return weight[0].numel()
+
+
+def scatter_dense(values: Tensor, cells: Tensor, shape: tuple[int, ...]) -> Tensor:
+    """Write rows into a zero grid.
+
+    Args:
+        values: (V, C).
+        cells: (V, D) integer indices: batch, then the grid's axes; each at most once.
+        shape: (B, *grid).
+
+    Returns:
+        (B, C, *grid).
+    """
+    flat = cells[:, 0]
+    for axis in range(1, len(shape)):
+        flat = flat * shape[axis] + cells[:, axis]
+    size = int(np.prod(shape))
+    dense = values.new_zeros(size, values.shape[1]).index_copy(0, flat, values)
+    # Contiguous: on channels-last maps that are nearly constant, torch's CPU batch normalisation loses three digits.
+    return dense.view(*shape, -1).movedim(-1, 1).contiguous()
+
+
+def join(arrays: list[NDArray[np.generic]]) -> Tensor:
+    """Stack equal-sized samples along a new first axis."""
+    return torch.from_numpy(np.stack(arrays))
+
+
+def join_ragged(arrays: list[NDArray[np.generic]]) -> Tensor:
+    """Concatenate index rows of unequal number, with the sample's number put in front: (N, D) -> (sum N, 1 + D)."""
+    rows = [np.concatenate([np.full((len(a), 1), i, dtype=a.dtype), a], axis=1) for i, a in enumerate(arrays)]
+    return torch.from_numpy(np.concatenate(rows))
+
+
+def top_scores(logits: NDArray[np.floating], max_boxes: int, min_score: float) -> NDArray[np.int64]:
+    """Indices of the best logits above a score, best first; ties in index order."""
+    floor = np.log(min_score) - np.log1p(-min_score) if min_score > 0 else -np.inf
+    above = np.flatnonzero(logits >= floor)
+    return above[np.argsort(-logits[above], kind="stable")[:max_boxes]]
+
+
+def sigmoid(x: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Logistic function in double precision, so that near-certain scores stay distinct."""
+    return torch.sigmoid(torch.from_numpy(x).double()).numpy()

@@ -1,0 +1,165 @@
+"""3D-FCN: a fully convolutional network over an occupancy grid.
+
+Li: 3D Fully Convolutional Network for Vehicle Detection in Point Cloud. IROS 2017; in the form of Yun et al.:
+Focal Loss in 3D Object Detection, RA-L 2019 (Table VI, appendix B): four body layers, no deconvolution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from fl3d.data.dataset import TargetRule
+from fl3d.data.kitti import Frame
+from fl3d.data.voxels import Grid, occupancy
+from fl3d.detectors.base import Batch, Detector, Found, Sample
+from fl3d.detectors.blocks import conv_block, init_he, join_ragged, scatter_dense, sigmoid, top_scores
+from fl3d.geometry.boxes import boxes_from_corners, corners_velo, fold
+from fl3d.losses import DetectionLoss
+
+STRIDE = 8  # of the output against the input grid
+KERNELS = (5, 5, 3, 3)
+STRIDES = (2, 2, 2, 1)
+
+
+class FCN3D(Detector):
+    """3D-FCN.
+
+    The stride-2 convolutions pad evenly on both sides; TensorFlow's SAME pads one more behind. Same shapes,
+    half a cell of shift, which the regression takes up.
+
+    Args:
+        loss: classification and regression.
+        range_velo: x0, y0, z0, x1, y1, z1 in metres.
+        voxel_size: x, y, z in metres.
+        channels: of the four body layers.
+        targets: which labels are positives.
+        fov_offset: points with abs(y) >= x - fov_offset are dropped; None keeps all.
+        heading_fold: degrees; headings are folded into half a turn from here, so that the corners of a car
+            seen from the front and from behind come in one order.
+        max_length: metres; longer objects are not targets.
+        x_shift: metres added to decoded boxes (the paper's code adds 0.1).
+        norm_order: see ``blocks.conv_block``.
+        head_bias: whether the two heads have a bias.
+    """
+
+    NAME = "3D-FCN"
+    STAGES = ("warmup", "focal")
+
+    def __init__(
+        self,
+        loss: DetectionLoss,
+        range_velo: Sequence[float],
+        voxel_size: Sequence[float],
+        channels: tuple[int, int, int, int],
+        targets: TargetRule,
+        fov_offset: float | None,
+        heading_fold: float,
+        max_length: float,
+        x_shift: float,
+        norm_order: str,
+        head_bias: bool,
+    ) -> None:
+        super().__init__()
+        self.detection_loss = loss
+        self.grid = Grid(range_velo, voxel_size)
+        self.targets = targets
+        self.fov_offset = fov_offset
+        self.heading_fold = np.deg2rad(heading_fold)
+        self.max_length = max_length
+        self.x_shift = x_shift
+        widths = pairwise([1, *channels])
+        self.body = nn.Sequential(
+            *(
+                conv_block(nn.Conv3d(c_in, c_out, k, s, padding=k // 2, bias=False), nn.BatchNorm3d(c_out), norm_order)
+                for (c_in, c_out), k, s in zip(widths, KERNELS, STRIDES, strict=True)
+            )
+        )
+        self.obj = nn.Conv3d(channels[-1], 1, 3, padding=1, bias=head_bias)
+        self.cor = nn.Conv3d(channels[-1], 24, 3, padding=1, bias=head_bias)
+        init_he(self)
+
+    @property
+    def cells(self) -> tuple[int, int, int]:
+        """Output cells along z, y, x."""
+        nz, ny, nx = (-(-n // STRIDE) for n in self.grid.shape)
+        return nz, ny, nx
+
+    def origins(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Lower corners x, y, z in metres of output cells (N, 3) z, y, x: what corners are measured from."""
+        return cells[:, ::-1] * (np.array(self.grid.voxel_size) * STRIDE) + self.grid.low
+
+    def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
+        """Occupied voxels; for training, the cell of each object's centre and its corners (appendix B)."""
+        points = frame.points_velo
+        if self.fov_offset is not None:
+            points = points[np.abs(points[:, 1]) < points[:, 0] - self.fov_offset]
+        sample: Sample = {"occupied": occupancy(points, self.grid)}
+        if training:
+            sample["cells"], sample["corners"] = self.assign(self.targets.boxes_velo(frame))
+        return sample
+
+    def assign(self, boxes_velo: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Positive cells (N, 3) z, y, x and their 24 targets: corners minus the cell's origin.
+
+        Objects whose centre is out of range have no cell; of two centres in one cell the nearer object stays.
+        """
+        centers = boxes_velo[:, :3] + np.array([0, 0, 0.5]) * boxes_velo[:, 3:4]
+        keep = self.grid.inside(centers) & (boxes_velo[:, 5] <= self.max_length)
+        boxes, centers = boxes_velo[keep].copy(), centers[keep]
+        boxes[:, 6] = fold(boxes[:, 6], self.heading_fold)
+        size = np.array(self.grid.voxel_size) * STRIDE
+        cells = np.floor((centers - self.grid.low) / size).astype(np.int64)[:, ::-1]
+        order = np.argsort(np.hypot(centers[:, 0], centers[:, 1]), kind="stable")
+        first = np.sort(order[np.unique(cells[order], axis=0, return_index=True)[1]])
+        corners = corners_velo(boxes[first]) - self.origins(cells[first])[:, None]
+        return cells[first].copy(), corners.reshape(-1, 24).astype(np.float32)
+
+    def collate(self, samples: list[Sample]) -> Batch:
+        """Index rows with their sample's number in front."""
+        batch = {"occupied": join_ragged([s["occupied"] for s in samples])}
+        batch["size"] = torch.tensor(len(samples))
+        if "cells" in samples[0]:
+            batch["cells"] = join_ragged([s["cells"] for s in samples])
+            batch["corners"] = torch.from_numpy(np.concatenate([s["corners"] for s in samples]))
+        return batch
+
+    def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Objectness logits (B, Z, Y, X) and corner offsets (B, Z, Y, X, 24)."""
+        occupied = batch["occupied"]
+        ones = torch.ones(len(occupied), 1, device=occupied.device, dtype=self.obj.weight.dtype)
+        grid = scatter_dense(ones, occupied, (int(batch["size"]), *self.grid.shape))
+        features = self.body(grid)
+        return self.obj(features)[:, 0], self.cor(features).movedim(1, -1)
+
+    def loss(self, batch: Batch) -> Mapping[str, Tensor]:
+        """Eq. 7-11: every cell without an object's centre is a negative."""
+        logits, corners = self(batch)
+        b, z, y, x = batch["cells"].unbind(1)
+        negative = torch.ones_like(logits, dtype=torch.bool)
+        negative[b, z, y, x] = False
+        terms = self.detection_loss.classification(logits[b, z, y, x], logits[negative])
+        return {**terms, "reg": self.detection_loss.localization(corners[b, z, y, x], batch["corners"])}
+
+    @torch.no_grad()
+    def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
+        """Decode the best cells: corners plus origin, then the nearest box."""
+        logits, corners = (t.float().cpu().numpy() for t in self(batch))
+        found = []
+        for frame_logits, frame_corners in zip(logits, corners, strict=True):
+            best = top_scores(frame_logits.ravel(), max_boxes, min_score)
+            cells = np.stack(np.unravel_index(best, frame_logits.shape), axis=1)
+            offsets = frame_corners.reshape(-1, 8, 3)[best].astype(np.float64)
+            boxes = boxes_from_corners(offsets + self.origins(cells)[:, None])
+            boxes[:, 0] += self.x_shift
+            found.append(Found(boxes, sigmoid(frame_logits.ravel()[best])))
+        return found
+
+    def example(self) -> Batch:
+        """One frame without points."""
+        return {"occupied": torch.zeros(0, 4, dtype=torch.int64), "size": torch.tensor(1)}

@@ -1,0 +1,260 @@
+"""VoxelNet: features learnt per voxel, 3D convolutions over height, a 2D region proposal network.
+
+Zhou and Tuzel: VoxelNet: End-to-End Learning for Point Cloud Based 3D Object Detection. CVPR 2018; in the form of
+Yun et al.: Focal Loss in 3D Object Detection, RA-L 2019 (Table VII, appendix C).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from fl3d.data.dataset import TargetRule
+from fl3d.data.kitti import Frame
+from fl3d.data.voxels import Grid, voxelize
+from fl3d.detectors.anchors import Anchors, decode_boxes, encode_boxes
+from fl3d.detectors.base import Batch, Detector, Found, Sample
+from fl3d.detectors.blocks import conv_block, init_he, join, join_ragged, scatter_dense, sigmoid, top_scores
+from fl3d.geometry.boxes import fold, wrap
+from fl3d.losses import DetectionLoss
+
+N_FEATURES = 7  # x, y, z, reflectance, and x, y, z minus the mean of the voxel's points
+BLOCK_LAYERS = (4, 6, 6)  # convolutions in the three blocks of the RPN
+UPSAMPLE = ((3, 1), (2, 2), (4, 4))  # kernel and stride of the three deconvolutions
+
+
+def max_per_voxel(rows: Tensor, lengths: Tensor) -> Tensor:
+    """Elementwise maximum of consecutive rows: (P, C), (V,) with sum P -> (V, C)."""
+    if rows.is_meta:
+        return rows.new_empty(lengths.shape[0], rows.shape[1])
+    return torch.segment_reduce(rows, "max", lengths=lengths, axis=0, unsafe=True)
+
+
+class FullyConnected(nn.Module):
+    """FC, batch normalisation, ReLU (appendix C), row by row."""
+
+    def __init__(self, c_in: int, c_out: int) -> None:
+        super().__init__()
+        self.linear = nn.Linear(c_in, c_out)
+        self.norm = nn.BatchNorm1d(c_out)
+
+    def forward(self, rows: Tensor) -> Tensor:
+        """(P, c_in) -> (P, c_out)."""
+        return torch.relu(self.norm(self.linear(rows)))
+
+
+class FeatureNet(nn.Module):
+    """Two voxel feature encoding layers, a fully connected one and the maximum over each voxel's points.
+
+    Args:
+        vfe: output widths of the encoding layers; half of each is the point's own, half the voxel's maximum.
+        out: width of the last layer.
+    """
+
+    def __init__(self, vfe: tuple[int, int], out: int) -> None:
+        super().__init__()
+        self.vfe_1 = FullyConnected(N_FEATURES, vfe[0] // 2)
+        self.vfe_2 = FullyConnected(vfe[0], vfe[1] // 2)
+        self.fc = FullyConnected(vfe[1], out)
+
+    def forward(self, rows: Tensor, lengths: Tensor, mask: Tensor | None) -> Tensor:
+        """Encode voxels.
+
+        Args:
+            rows: (P, 7) points, those of one voxel next to each other.
+            lengths: (V,) how many rows each voxel has.
+            mask: (P, 1) zero for padded slots, or None where there are none.
+
+        Returns:
+            (V, out).
+        """
+        for layer in (self.vfe_1, self.vfe_2):
+            own = layer(rows)
+            voxel = max_per_voxel(own, lengths).repeat_interleave(lengths, dim=0, output_size=len(rows))
+            rows = torch.cat([own, voxel], dim=1)
+            if mask is not None:
+                rows = rows * mask
+        return max_per_voxel(self.fc(rows), lengths)
+
+
+class RPN(nn.Module):
+    """Three blocks of 2D convolutions, brought to one resolution, and the two heads.
+
+    Args:
+        c_in: channels of the bird's-eye-view map.
+        widths: channels of the three blocks.
+        up: channels of each deconvolution.
+        norm_order: see ``blocks.conv_block``.
+    """
+
+    def __init__(self, c_in: int, widths: tuple[int, int, int], up: int, norm_order: str) -> None:
+        super().__init__()
+        self.blocks, self.deconvs = nn.ModuleList(), nn.ModuleList()
+        for layers, width, (kernel, stride) in zip(BLOCK_LAYERS, widths, UPSAMPLE, strict=True):
+            convs = [nn.Conv2d(c_in, width, 3, 2, 1), *(nn.Conv2d(width, width, 3, 1, 1) for _ in range(layers - 1))]
+            self.blocks.append(nn.Sequential(*(conv_block(c, nn.BatchNorm2d(width), norm_order) for c in convs)))
+            deconv = nn.ConvTranspose2d(width, up, kernel, stride, padding=(kernel - stride) // 2)
+            self.deconvs.append(conv_block(deconv, nn.BatchNorm2d(up), norm_order))
+            c_in = width
+        self.prob = nn.Conv2d(3 * up, 2, 1)
+        self.reg = nn.Conv2d(3 * up, 14, 1)
+
+    def forward(self, bev: Tensor) -> tuple[Tensor, Tensor]:
+        """(B, C, H, W) -> logits (B, H/2 * W/2 * 2) and residuals (B, H/2 * W/2 * 2, 7)."""
+        raised = []
+        for block, deconv in zip(self.blocks, self.deconvs, strict=True):
+            bev = block(bev)
+            raised.append(deconv(bev))
+        features = torch.cat(raised[::-1], dim=1)
+        logits = self.prob(features).movedim(1, -1).flatten(1)
+        residuals = self.reg(features).movedim(1, -1).reshape(len(features), -1, 7)
+        return logits, residuals
+
+
+class VoxelNet(Detector):
+    """VoxelNet.
+
+    Args:
+        loss: classification and regression.
+        range_velo: x0, y0, z0, x1, y1, z1 in metres.
+        voxel_size: x, y, z in metres.
+        max_points: points kept in one voxel (T), drawn at random.
+        vfe: output widths of the two encoding layers.
+        voxel_features: channels of a voxel (after the fully connected layer).
+        middle: channels of the three 3D convolutions.
+        rpn: channels of the RPN's blocks.
+        up: channels of each of its deconvolutions.
+        anchors: h, w, l, bottom z and matching; see ``Anchors``.
+        targets: which labels are positives.
+        heading_fold: degrees; headings are folded into half a turn from here.
+        norm_order: see ``blocks.conv_block``.
+        mask_max: leave padded slots out of the maxima and of batch normalisation; False pads every voxel to
+            ``max_points`` rows, as the paper's code does.
+    """
+
+    NAME = "VoxelNet"
+    STAGES = ("warmup", "focal")
+
+    def __init__(
+        self,
+        loss: DetectionLoss,
+        range_velo: Sequence[float],
+        voxel_size: Sequence[float],
+        max_points: int,
+        vfe: tuple[int, int],
+        voxel_features: int,
+        middle: int,
+        rpn: tuple[int, int, int],
+        up: int,
+        anchors: Mapping[str, object],
+        targets: TargetRule,
+        heading_fold: float,
+        norm_order: str,
+        mask_max: bool,
+    ) -> None:
+        super().__init__()
+        self.detection_loss = loss
+        self.grid = Grid(range_velo, voxel_size)
+        self.max_points = max_points
+        self.targets = targets
+        self.heading_fold = np.deg2rad(heading_fold)
+        self.mask_max = mask_max
+        depth, height, width = self.grid.shape
+        self.feature_net = FeatureNet(vfe, voxel_features)
+        layers = ((voxel_features, 2, 1), (middle, 1, 0), (middle, 2, 1))  # channels in; stride, padding over z
+        self.middle = nn.Sequential(
+            *(
+                conv_block(nn.Conv3d(c, middle, 3, (s, 1, 1), (p, 1, 1)), nn.BatchNorm3d(middle), norm_order)
+                for c, s, p in layers
+            )
+        )
+        for _, stride, pad in layers:
+            depth = (depth + 2 * pad - 3) // stride + 1
+        self.rpn = RPN(middle * depth, rpn, up, norm_order)
+        shape = (-(-height // 2), -(-width // 2))
+        self.matcher = Anchors(range_velo=self.grid.range_velo, shape=shape, **anchors)  # type: ignore[arg-type]
+        self.anchors = self.matcher.boxes_velo()
+        init_he(self)
+
+    def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
+        """Grouped points with seven features; for training, matched anchors and their residuals."""
+        points = frame.points_velo[self.grid.inside(frame.points_velo)]
+        voxels = voxelize(points[rng.permutation(len(points))], self.grid, self.max_points)
+        order = np.argsort(voxels.owner, kind="stable")
+        kept, owner = voxels.points[order], voxels.owner[order]
+        lengths = np.bincount(owner, minlength=len(voxels.cells))
+        sums = np.add.reduceat(kept[:, :3], np.cumsum(lengths) - lengths, axis=0) if len(kept) else kept[:, :3]
+        rows = np.concatenate([kept, kept[:, :3] - (sums / np.maximum(lengths, 1)[:, None])[owner]], axis=1)
+        sample: Sample = {"cells": voxels.cells, "rows": rows.astype(np.float32), "lengths": lengths}
+        if not self.mask_max:
+            sample.update(self._pad(rows, owner, lengths))
+        if training:
+            boxes = self.targets.boxes_velo(frame)
+            boxes[:, 6] = fold(boxes[:, 6], self.heading_fold)
+            chosen, owners, negative = self.matcher.assign(self.anchors, boxes)
+            sample["positive"] = chosen[:, None]
+            sample["residuals"] = encode_boxes(boxes[owners], self.anchors[chosen]).astype(np.float32)
+            sample["negative"] = negative
+        return sample
+
+    def _pad(self, rows: NDArray[np.floating], owner: NDArray[np.int64], lengths: NDArray[np.int64]) -> Sample:
+        """Fill every voxel up to ``max_points`` with zero rows, told apart by a mask."""
+        slot = np.arange(len(owner)) - (np.cumsum(lengths) - lengths)[owner]
+        place = owner * self.max_points + slot
+        padded = np.zeros((len(lengths) * self.max_points, N_FEATURES), dtype=np.float32)
+        mask = np.zeros((len(padded), 1), dtype=np.float32)
+        padded[place], mask[place] = rows, 1
+        return {"rows": padded, "mask": mask, "lengths": np.full(len(lengths), self.max_points)}
+
+    def collate(self, samples: list[Sample]) -> Batch:
+        """Concatenate rows; cells and positives carry their sample's number in front."""
+        batch = {"cells": join_ragged([s["cells"] for s in samples]), "size": torch.tensor(len(samples))}
+        for key in ("rows", "lengths", "mask", "residuals"):
+            if key in samples[0]:
+                batch[key] = torch.from_numpy(np.concatenate([s[key] for s in samples]))
+        if "positive" in samples[0]:
+            batch["positive"] = join_ragged([s["positive"] for s in samples])
+            batch["negative"] = join([s["negative"] for s in samples])
+        return batch
+
+    def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Logits (B, A) and residuals (B, A, 7) of all anchors."""
+        rows = batch["rows"].to(self.rpn.prob.weight.dtype)
+        voxels = self.feature_net(rows, batch["lengths"], batch.get("mask"))
+        dense = scatter_dense(voxels, batch["cells"], (int(batch["size"]), *self.grid.shape))
+        features = self.middle(dense)
+        logits, residuals = self.rpn(features.flatten(1, 2))
+        return logits, residuals
+
+    def loss(self, batch: Batch) -> Mapping[str, Tensor]:
+        """Eq. 7-11 over matched anchors; those between the two overlaps count for nothing."""
+        logits, residuals = self(batch)
+        b, a = batch["positive"].unbind(1)
+        terms = self.detection_loss.classification(logits[b, a], logits[batch["negative"]])
+        return {**terms, "reg": self.detection_loss.localization(residuals[b, a], batch["residuals"])}
+
+    @torch.no_grad()
+    def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
+        """Decode the best anchors."""
+        logits, residuals = (t.float().cpu().numpy() for t in self(batch))
+        found = []
+        for frame_logits, frame_residuals in zip(logits, residuals, strict=True):
+            best = top_scores(frame_logits, max_boxes, min_score)
+            boxes = decode_boxes(frame_residuals[best].astype(np.float64), self.anchors[best])
+            boxes[:, 6] = wrap(boxes[:, 6])
+            found.append(Found(boxes, sigmoid(frame_logits[best])))
+        return found
+
+    def example(self) -> Batch:
+        """A frame of 5300 voxels of 35 points, the paper's typical one (§V-A)."""
+        voxels, points = 5300, 35
+        return {
+            "rows": torch.zeros(voxels * points, N_FEATURES),
+            "lengths": torch.full((voxels,), points),
+            "cells": torch.zeros(voxels, 4, dtype=torch.int64),
+            "size": torch.tensor(1),
+        }

@@ -1,0 +1,64 @@
+"""Every error that fl3d raises on purpose; each names what is wrong, where, and what was possible.
+
+Fl3dError
+├── ConfigError        a key, a value or a sweep file
+├── DataError          a file of a dataset: names file, line and field
+├── CheckpointError    a checkpoint that is torn, or of another network
+├── TrainingError      a stage that cannot go on (loss is not finite)
+├── StageFailed        a stage of a sweep ended with an error; carries its traceback
+└── StoreError         the store is missing, locked or of another kind
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+
+class Fl3dError(Exception):
+    """Base of all errors that fl3d raises on purpose."""
+
+
+class ConfigError(Fl3dError):
+    """A key, a value or a sweep file that cannot be used."""
+
+
+class DataError(Fl3dError):
+    """A file of a dataset that cannot be used.
+
+    Args:
+        message: what is wrong and what was expected.
+        file: the file at fault.
+        line: its line, counted from 1, for text files.
+    """
+
+    def __init__(self, message: str, file: Path | str, line: int | None = None) -> None:
+        where = f"{file}:{line}" if line is not None else f"{file}"
+        super().__init__(f"{where}: {message}")
+        self.file = Path(file)
+        self.line = line
+
+
+class CheckpointError(Fl3dError):
+    """A checkpoint that is torn, or that belongs to another network."""
+
+
+class TrainingError(Fl3dError):
+    """A stage that cannot go on."""
+
+
+class StageFailed(Fl3dError):
+    """A stage of a sweep that ended with an error."""
+
+
+class StoreError(Fl3dError):
+    """The store is missing, locked or of another kind."""
+
+
+def options(wrong: str, possible: Iterable[str]) -> str:
+    """Say what was possible, nearest first: ``Did you mean 'gamma'? Possible: ...``."""
+    names = sorted(possible)
+    near = difflib.get_close_matches(wrong, names, n=1)
+    hint = f"Did you mean '{near[0]}'? " if near else ""
+    return f"{hint}Possible: {', '.join(names) or 'nothing'}."

@@ -1,0 +1,3 @@
+"""From detections and labels to average precision. Pure functions over arrays; no network, no disk but `detections`."""
+
+VERSION = 1  # raised whenever the same detections and labels give another AP

@@ -1,0 +1,172 @@
+"""Everything a checkpoint predicts on the validation frames, before score cut and suppression: store and read back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from fl3d.data.calibration import Calibration
+from fl3d.data.kitti import KittiFolder
+from fl3d.data.labels import Labels
+from fl3d.data.projection import project_boxes
+from fl3d.errors import DataError
+from fl3d.evaluation.average_precision import evaluate
+from fl3d.evaluation.protocol import Protocol
+from fl3d.files import write_atomically
+from fl3d.geometry.boxes import rectangles_velo
+from fl3d.geometry.nms import nms
+
+BOX_COLUMNS = ("x", "y", "z", "h", "w", "l", "yaw")
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Boxes of several frames, frame by frame, best score first.
+
+    Args:
+        frame_ids: every frame that was looked at, with or without boxes.
+        frame: (N,) index into ``frame_ids``.
+        boxes_velo: (N, 7).
+        scores: (N,).
+    """
+
+    frame_ids: tuple[str, ...]
+    frame: NDArray[np.int64]
+    boxes_velo: NDArray[np.float64]
+    scores: NDArray[np.float64]
+
+
+def write_detections(path: Path, detections: Detections) -> None:
+    """Store as Parquet: a row a box, the frames' list in the metadata."""
+    columns = {"frame": detections.frame.astype(np.int32), "score": detections.scores}
+    columns |= {name: detections.boxes_velo[:, i] for i, name in enumerate(BOX_COLUMNS)}
+    table = pa.table(columns).replace_schema_metadata({"frame_ids": " ".join(detections.frame_ids)})
+    write_atomically(path, lambda temporary: pq.write_table(table, temporary, compression="zstd"))
+
+
+def read_detections(path: Path) -> Detections:
+    """Read what ``write_detections`` wrote.
+
+    Raises:
+        DataError: the file is missing or is not such a file.
+    """
+    try:
+        table = pq.read_table(path)
+        frame_ids = tuple(table.schema.metadata[b"frame_ids"].decode().split())
+        boxes = np.column_stack([table[name].to_numpy() for name in BOX_COLUMNS])
+        return Detections(frame_ids, table["frame"].to_numpy().astype(np.int64), boxes, table["score"].to_numpy())
+    except (OSError, KeyError, TypeError, pa.ArrowException) as error:
+        raise DataError(f"is not a file of detections ({error})", path) from None
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What detections are held against.
+
+    Args:
+        ids: frames.
+        labels: of each.
+        calibrations: of each.
+        image_sizes: of each, (width, height).
+    """
+
+    ids: tuple[str, ...]
+    labels: tuple[Labels, ...]
+    calibrations: tuple[Calibration, ...]
+    image_sizes: tuple[tuple[int, int], ...]
+
+
+def read_validation(folder: KittiFolder, ids: Sequence[str]) -> Validation:
+    """Labels and calibrations of frames; no clouds are read."""
+    return Validation(
+        tuple(ids),
+        tuple(folder.read_labels(i) for i in ids),
+        tuple(folder.read_calibration(i) for i in ids),
+        tuple(folder.image_size(i) for i in ids),
+    )
+
+
+def to_labels(
+    boxes_velo: NDArray[np.float64],
+    scores: NDArray[np.float64],
+    calibration: Calibration,
+    image_size: tuple[int, int],
+    protocol: Protocol,
+) -> Labels:
+    """One frame's detections as the protocol wants them: cut, suppressed, projected, best first.
+
+    Args:
+        boxes_velo: (N, 7).
+        scores: (N,).
+        calibration: of the frame.
+        image_size: (width, height); boxes without any part in the picture are dropped, for KITTI labels only
+            what the camera sees.
+        protocol: cut, suppression and 2D box.
+    """
+    above = scores >= protocol.score_threshold
+    boxes_velo, scores = boxes_velo[above], scores[above]
+    kept = nms(rectangles_velo(boxes_velo), scores, protocol.nms_iou, protocol.nms_kind, protocol.max_detections)
+    boxes_velo, scores = boxes_velo[kept], scores[kept]
+    full, clipped, visible = project_boxes(boxes_velo, calibration, image_size)
+    boxes_image = clipped if protocol.image_box == "clipped" else np.trunc(full)
+    boxes_cam = calibration.boxes_to_cam(boxes_velo)
+    n = len(scores)
+    labels = Labels(
+        types=np.full(n, "Car"),
+        truncated=np.zeros(n),
+        occluded=np.zeros(n, dtype=np.int64),
+        alpha=np.full(n, -10.0),
+        boxes_image=boxes_image,
+        boxes_cam=boxes_cam,
+        scores=scores,
+    )
+    return labels.select(visible)
+
+
+def score(detections: Detections, validation: Validation, protocol: Protocol) -> dict[str, float]:
+    """AP of a checkpoint's detections of cars.
+
+    Args:
+        detections: as stored.
+        validation: the same frames.
+        protocol: what the AP stands for.
+
+    Returns:
+        ``{"ap_3d/moderate": ..., "ap_3d_r40/moderate": ..., ...}`` for image, bev and 3d; percent.
+
+    Raises:
+        DataError: the frames differ.
+    """
+    if detections.frame_ids != validation.ids:
+        raise DataError("detections are of other frames than the validation split", "detections")
+    results, beyond = [], []
+    for index in range(len(validation.ids)):
+        rows = detections.frame == index
+        calibration, size = validation.calibrations[index], validation.image_sizes[index]
+        boxes, scores = detections.boxes_velo[rows], detections.scores[rows]
+        results.append(to_labels(boxes, scores, calibration, size, protocol))
+        beyond.append(_beyond(validation.labels[index], calibration, protocol))
+    cars = {"Car": protocol.overlaps["Car"]}
+    curves = evaluate(validation.labels, results, protocol, beyond, cars)["Car"]
+    scores_by_name = {}
+    for metric, levels in curves.items():
+        for difficulty, curve in levels.items():
+            scores_by_name[f"ap_{metric}/{difficulty}"] = curve.ap_r11
+            scores_by_name[f"ap_{metric}_r40/{difficulty}"] = curve.ap_r40
+    return scores_by_name
+
+
+def _beyond(labels: Labels, calibration: Calibration, protocol: Protocol) -> NDArray[np.bool_]:
+    """Which ground truths lie outside the protocol's area: (G,)."""
+    if protocol.ignore_beyond is None:
+        return np.zeros(len(labels), dtype=bool)
+    x0, y0, x1, y1 = protocol.ignore_beyond
+    centers = calibration.points_to_velo(labels.boxes_cam[:, :3])
+    inside = (centers[:, 0] >= x0) & (centers[:, 0] < x1) & (centers[:, 1] >= y0) & (centers[:, 1] < y1)
+    return ~inside

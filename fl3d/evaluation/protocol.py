@@ -1,0 +1,61 @@
+"""What an AP stands for: how boxes are cut, matched and averaged, as one record."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+
+from fl3d.errors import ConfigError, options
+from fl3d.evaluation import VERSION
+from fl3d.geometry.nms import KINDS
+
+METRICS = ("image", "bev", "3d")
+DIFFICULTIES = ("easy", "moderate", "hard")
+VARIANTS = ("A", "B")
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How detections become an AP.
+
+    Args:
+        name: for people.
+        variant: of the official evaluator: ``A`` ignores ground truths lower than the minimum height (the
+            paper's), ``B`` those not higher (its fork, and the Python ports).
+        overlaps: minimum overlap per class, for image, bird's-eye view and 3D.
+        score_threshold: detections below are dropped. The paper's "threshold 0.8" is this one.
+        nms_iou: overlap above which the lower-scored of two detections is dropped.
+        nms_kind: ``standup`` or ``rotated``.
+        max_detections: kept per frame.
+        image_box: 2D box of a detection: ``clipped`` to the picture, or ``unclipped``, cut to whole pixels, as
+            the paper's code writes it.
+        ignore_beyond: x0, y0, x1, y1 in metres, LiDAR frame: ground truths whose centre lies outside are
+            neither hits nor misses; None counts all.
+    """
+
+    name: str
+    variant: str
+    overlaps: dict[str, tuple[float, float, float]]
+    score_threshold: float
+    nms_iou: float
+    nms_kind: str
+    max_detections: int
+    image_box: str = "clipped"
+    ignore_beyond: tuple[float, float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        choices = (
+            ("variant", self.variant, VARIANTS),
+            ("nms_kind", self.nms_kind, KINDS),
+            ("image_box", self.image_box, ("clipped", "unclipped")),
+        )
+        for key, value, possible in choices:
+            if value not in possible:
+                raise ConfigError(f"protocol.{key}: no choice '{value}'. {options(value, possible)}")
+
+    @property
+    def id(self) -> str:
+        """Identity of the scores it gives: name and hash of every value and of the evaluator's version."""
+        text = json.dumps([VERSION, asdict(self)], sort_keys=True)
+        return f"{self.name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"

@@ -1,0 +1,1 @@
+"""Boxes, overlaps and non-maximum suppression."""

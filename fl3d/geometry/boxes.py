@@ -1,0 +1,134 @@
+"""Boxes: every layout, frame, angle and unit of fl3d, declared once. Metres and radians; pixels for images.
+
+LiDAR frame ``_velo``: x forward, y left, z up. Rectified camera frame ``_cam``: x right, y down, z forward.
+
+======================  ======  ==========================================================================
+name                    shape   columns
+======================  ======  ==========================================================================
+``boxes_velo``          (N, 7)  x, y, z of the *bottom* centre, h, w, l, yaw about z (0: length along x)
+``boxes_cam``           (N, 7)  x, y, z of the *bottom* centre, h, w, l, ry about y (0: length along x)
+``boxes_image``         (N, 4)  x1, y1, x2, y2 in pixels
+``rectangles``          (N, 5)  centre u, centre v, length, width, angle counter-clockwise in the (u, v) plane
+``corners_velo``        (N, 8, 3)  corners in the order of ``CORNER_SIGNS``
+======================  ======  ==========================================================================
+
+A heading and its opposite give the same box, so headings are *folded* into half a turn where a detector
+cannot tell front from back.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32] | NDArray[np.float64]
+
+# Signs of (l, w, h) of each corner, h = -1 at the bottom: the fixed order in which 3D-FCN regresses corners.
+CORNER_SIGNS = np.array(
+    [
+        (-1, -1, -1),
+        (+1, -1, -1),
+        (-1, +1, -1),
+        (-1, -1, +1),
+        (-1, +1, +1),
+        (+1, +1, -1),
+        (+1, -1, +1),
+        (+1, +1, +1),
+    ],
+    dtype=np.float64,
+)
+# Pairs of corners that span one edge; each pair points towards the positive sign.
+EDGES_L = ((0, 1), (2, 5), (3, 6), (4, 7))
+EDGES_W = ((0, 2), (1, 5), (3, 4), (6, 7))
+EDGES_H = ((0, 3), (1, 6), (2, 4), (5, 7))
+BOTTOM = (0, 1, 2, 5)
+
+
+def fold(angle: Array, start: float) -> Array:
+    """Fold headings into [start, start + pi): the same box, front and back not told apart."""
+    return start + np.mod(angle - start, np.pi)
+
+
+def wrap(angle: Array) -> Array:
+    """Wrap angles into [-pi, pi)."""
+    return np.mod(angle + np.pi, 2 * np.pi) - np.pi
+
+
+def corners_velo(boxes_velo: Array) -> Array:
+    """Corners of boxes in the order of ``CORNER_SIGNS``.
+
+    Args:
+        boxes_velo: (N, 7).
+
+    Returns:
+        (N, 8, 3) in metres, LiDAR frame.
+    """
+    h, w, length, yaw = boxes_velo[:, 3], boxes_velo[:, 4], boxes_velo[:, 5], boxes_velo[:, 6]
+    along = 0.5 * length[:, None] * CORNER_SIGNS[:, 0]
+    across = 0.5 * w[:, None] * CORNER_SIGNS[:, 1]
+    up = 0.5 * h[:, None] * (CORNER_SIGNS[:, 2] + 1)
+    cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    offsets = np.stack([along * cos - across * sin, along * sin + across * cos, up], axis=-1)
+    return boxes_velo[:, None, :3] + offsets
+
+
+def boxes_from_corners(corners: Array) -> Array:
+    """Nearest box to eight free corners: mean edges, mean centre, vector mean of the eight edge directions.
+
+    Args:
+        corners: (N, 8, 3) in the order of ``CORNER_SIGNS``, LiDAR frame.
+
+    Returns:
+        ``boxes_velo`` (N, 7); length is never below width (else both are swapped and the heading turned),
+        and the heading lies in [-pi, pi).
+    """
+    along, across, up = (
+        np.stack([corners[:, b] - corners[:, a] for a, b in edges], axis=1) for edges in (EDGES_L, EDGES_W, EDGES_H)
+    )
+    length, width, height = (np.linalg.norm(edges, axis=-1).mean(axis=1) for edges in (along, across, up))
+    # An across edge, turned back by a quarter, points along the length.
+    turned = np.stack([across[..., 1], -across[..., 0]], axis=-1)
+    directions = np.concatenate([along[..., :2], turned], axis=1)
+    directions = directions / np.maximum(np.linalg.norm(directions, axis=-1, keepdims=True), 1e-9)
+    mean = directions.sum(axis=1)
+    yaw = np.arctan2(mean[:, 1], mean[:, 0])
+    swap = width > length
+    yaw = wrap(np.where(swap, yaw + np.pi / 2, yaw))
+    centers = corners[..., :2].mean(axis=1)
+    bottom = corners[:, BOTTOM, 2].mean(axis=1)
+    shapes = [height, np.minimum(width, length), np.maximum(width, length)]
+    return np.column_stack([centers, bottom, *shapes, yaw])
+
+
+def rectangles_velo(boxes_velo: Array) -> Array:
+    """Footprints in the (x, y) plane of the LiDAR frame: (N, 5) ``rectangles``."""
+    return boxes_velo[:, [0, 1, 5, 4, 6]]
+
+
+def rectangles_cam(boxes_cam: Array) -> Array:
+    """Footprints in the (x, z) plane of the camera frame: (N, 5) ``rectangles``."""
+    rectangles = boxes_cam[:, [0, 2, 5, 4, 6]].copy()
+    rectangles[:, 4] *= -1  # ry turns about the downward y axis
+    return rectangles
+
+
+def standup(rectangles: Array) -> Array:
+    """Axis-parallel hulls of rectangles: (N, 5) -> (N, 4) u1, v1, u2, v2."""
+    cos, sin = np.abs(np.cos(rectangles[:, 4])), np.abs(np.sin(rectangles[:, 4]))
+    half_u = 0.5 * (rectangles[:, 2] * cos + rectangles[:, 3] * sin)
+    half_v = 0.5 * (rectangles[:, 2] * sin + rectangles[:, 3] * cos)
+    u, v = rectangles[:, 0], rectangles[:, 1]
+    return np.column_stack([u - half_u, v - half_v, u + half_u, v + half_v])
+
+
+def count_points_inside(points_velo: Points, boxes_velo: Array) -> NDArray[np.int64]:
+    """How many points lie in each box: (P, >=3), (N, 7) -> (N,)."""
+    counts = np.zeros(len(boxes_velo), dtype=np.int64)
+    for i, (x, y, z, h, w, length, yaw) in enumerate(boxes_velo):
+        dx, dy, dz = points_velo[:, 0] - x, points_velo[:, 1] - y, points_velo[:, 2] - z
+        along = dx * np.cos(yaw) + dy * np.sin(yaw)
+        across = dy * np.cos(yaw) - dx * np.sin(yaw)
+        inside = (np.abs(along) <= length / 2) & (np.abs(across) <= w / 2) & (dz >= 0) & (dz <= h)
+        counts[i] = inside.sum()
+    return counts

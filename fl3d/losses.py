@@ -1,0 +1,107 @@
+"""The losses of the paper: binary cross entropy and focal loss (Eq. 1-6), and the detection loss (Eq. 7-11).
+
+Yun, Tai, Wang, Liu, Liu: Focal Loss in 3D Object Detection. IEEE RA-L 2019.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from fl3d.errors import ConfigError, options
+
+REGRESSIONS = ("square", "smooth_l1")
+
+
+def bce(x: Tensor, y: Tensor) -> Tensor:
+    """Binary cross entropy, Eq. 2: -log(p_t). Its slope in x is y (p_t - 1), Eq. 3.
+
+    Args:
+        x: logits, any shape.
+        y: +1 or -1, same shape.
+    """
+    return F.softplus(-y * x)
+
+
+def focal(x: Tensor, y: Tensor, gamma: float) -> Tensor:
+    """Focal loss, Eq. 4: -(1 - p_t)^gamma log(p_t). Its slope is Eq. 5; gamma = 0 is ``bce``.
+
+    Computed from logits: log(p_t) and log(1 - p_t) are exact however sure the network is, so the stabilising
+    constants that are added to p_t elsewhere are not needed.
+
+    Args:
+        x: logits, any shape.
+        y: +1 or -1, same shape.
+        gamma: focusing parameter, at least 0.
+    """
+    cross_entropy = bce(x, y)
+    if gamma == 0:
+        return cross_entropy
+    log_one_minus_p_t = -F.softplus(y * x)
+    return torch.exp(gamma * log_one_minus_p_t) * cross_entropy
+
+
+@dataclass(frozen=True)
+class DetectionLoss:
+    """Classification and regression of a one-stage detector, both sides of Eq. 7-11.
+
+    The enhanced form (right side) is ``normalize=True``; the original form (left side) is ``normalize=False``
+    with alpha = beta = 1 and gamma = 0.
+
+    Args:
+        gamma: focusing parameter of the focal loss; 0 is BCE.
+        alpha: weight of the positives (Eq. 10).
+        beta: weight of the negatives (Eq. 11).
+        eta: weight of the classification against the regression (Eq. 8).
+        regression: ``square``, the squared error (3D-FCN), or ``smooth_l1`` (VoxelNet).
+        sigma: of Smooth-L1, whose switch lies at 1 / sigma^2 (Girshick: Fast R-CNN; the code uses 3).
+        normalize: divide by the numbers of positives and negatives.
+
+    Raises:
+        ConfigError: a value out of its range.
+    """
+
+    gamma: float = 0.0
+    alpha: float = 1.0
+    beta: float = 1.0
+    eta: float = 1.0
+    regression: str = "square"
+    sigma: float = 3.0
+    normalize: bool = True
+
+    def __post_init__(self) -> None:
+        if self.regression not in REGRESSIONS:
+            raise ConfigError(f"loss.regression: no form '{self.regression}'. {options(self.regression, REGRESSIONS)}")
+        for name in ("gamma", "alpha", "beta", "eta"):
+            if getattr(self, name) < 0:
+                raise ConfigError(f"loss.{name}: {getattr(self, name)} is below 0")
+        if self.sigma <= 0:
+            raise ConfigError(f"loss.sigma: {self.sigma} is not above 0")
+
+    def classification(self, positive: Tensor, negative: Tensor) -> dict[str, Tensor]:
+        """Weighted loss of positives and of negatives, times eta (Eq. 8, 10, 11).
+
+        Args:
+            positive: (N_pos,) logits of positive windows.
+            negative: (N_neg,) logits of negative windows.
+        """
+        return {
+            "cls_pos": self.eta * self.alpha * self._mean(focal(positive, torch.ones_like(positive), self.gamma)),
+            "cls_neg": self.eta * self.beta * self._mean(focal(negative, -torch.ones_like(negative), self.gamma)),
+        }
+
+    def localization(self, u: Tensor, target: Tensor) -> Tensor:
+        """Regression loss over the positives (Eq. 9): (N_pos, R) outputs and targets -> scalar."""
+        if self.regression == "square":
+            loss = (u - target) ** 2
+        else:
+            loss = F.smooth_l1_loss(u, target, reduction="none", beta=1 / self.sigma**2)
+        per_positive = loss.sum(dim=-1)
+        return self._mean(per_positive)
+
+    def _mean(self, losses: Tensor) -> Tensor:
+        total = losses.sum()
+        return total / max(1, losses.numel()) if self.normalize else total

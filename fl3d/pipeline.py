@@ -1,0 +1,286 @@
+"""Run a sweep from configs to tables."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from fl3d.config import build, locate
+from fl3d.data.kitti import KittiFolder
+from fl3d.data.prepare import PreparedData, prepare_data
+from fl3d.errors import ConfigError
+from fl3d.evaluation.detections import Validation, read_detections, read_validation, to_labels
+from fl3d.evaluation.protocol import Protocol
+from fl3d.files import write_text
+from fl3d.locks import locked
+from fl3d.provenance import provenance
+from fl3d.records import Config, StagePaths, Trial
+from fl3d.reports.figures import birds_eye
+from fl3d.reports.selection import select
+from fl3d.reports.tables import AP_COLUMNS, to_markdown
+from fl3d.reports.write import read_scores, tidy, write_results
+from fl3d.store import Store
+from fl3d.sweep.launchers.base import Launcher
+from fl3d.sweep.plan import DataInfo, Plan, make_plan
+from fl3d.sweep.progress import Progress
+from fl3d.sweep.recorder import Recorder
+from fl3d.sweep.scheduler import Outcome, Scheduler
+from fl3d.training.trainer import VERSION as TRAINER_VERSION
+
+# Config sections that all trials of a sweep share: one dataset, one protocol, one store.
+SHARED = ("data", "protocol", "store", "results", "device", "workers", "profile", "sweep", "selection")
+
+Trials = Sequence[tuple[Sequence[str], Config]]
+
+
+@dataclass(frozen=True)
+class Names:
+    """What a sweep is called.
+
+    Args:
+        sweep: such as ``gamma``.
+        results: ``<data>-<profile>``.
+    """
+
+    sweep: str
+    results: str
+
+    @property
+    def experiment(self) -> str:
+        """Of MLflow."""
+        return f"{self.sweep}-{self.results}"
+
+
+def names(config: Config) -> Names:
+    """The names that a config gives."""
+    return Names(config["sweep"]["name"], f"{config['data']['name']}-{config['profile']['name']}")
+
+
+class Sweep:
+    """A sweep on this machine.
+
+    Args:
+        trials: overrides and resolved config of each.
+        say: prints a line for the user.
+
+    Raises:
+        ConfigError: there are none, or they differ in what all must share.
+        DataError: the data cannot be used.
+    """
+
+    def __init__(self, trials: Trials, say: Callable[[str], None] = print) -> None:
+        if not trials:
+            raise ConfigError("a sweep needs at least one trial")
+        self.config = trials[0][1]
+        for key in SHARED:
+            if any(config[key] != self.config[key] for _, config in trials):
+                raise ConfigError(f"{key}: all trials of a sweep must share it; run one sweep for each value")
+        self.say = say
+        self.names = names(self.config)
+        self.protocol = Protocol(**self.config["protocol"])
+        self.data = prepare_data(self.config["data"])
+        targets = {config["detector"]["_target_"] for _, config in trials}
+        self.detectors: dict[str, Any] = {target: locate(target, "detector._target_") for target in targets}
+        self.plan = self._plan(trials)
+        self.root = Path(self.config["store"]["root"])
+        self.stages_root = self.root / "stages"
+        self.store = Store(self.root, self.config["store"]["uri"])
+
+    def _plan(self, trials: Trials) -> Plan:
+        versions = {"trainer": TRAINER_VERSION} | {t: d.VERSION for t, d in self.detectors.items()}
+        offered = {t: d.STAGES for t, d in self.detectors.items()}
+        info = DataInfo(self.data.digest, len(self.data.train_ids))
+        return make_plan(self.names.experiment, trials, info, versions, offered)
+
+    def run(self, launcher: Launcher) -> Outcome:
+        """Train what is missing, score, and write tables.
+
+        Raises:
+            StoreError: another process is running a sweep on this store.
+            StageFailed: a stage failed; all others are trained and scored.
+        """
+        with locked(self.root / "lock", wait=False):
+            self._freeze()
+            outcome = self._train(launcher)
+        if not outcome.failed:
+            self.report()
+        outcome.check()
+        return outcome
+
+    def _train(self, launcher: Launcher) -> Outcome:
+        recorder = self._recorder()
+        scheduler = Scheduler(self.plan, self._machine(), launcher, self.stages_root)
+        todo = [key for key in self.plan.stages if not scheduler.paths(key).done.exists()]
+        self.say(
+            f"{self.names.experiment}: {len(self.plan.trials)} trials in {len(self.plan.stages)} stages, "
+            f"{self.plan.epochs} epochs (without shared beginnings {self.plan.plain_epochs}); "
+            + (f"{len(todo)} stages to train, {launcher.slots} at once" if todo else "everything is done")
+        )
+        with Progress(self.plan, scheduler.paths) as progress:
+
+            def tick(running: list[Any]) -> None:
+                recorder.sync()
+                progress.tick(running)
+
+            scheduler.on_tick = tick
+            scheduler.on_failure = lambda stage, trace: progress.say(f"\n{stage.key} failed:\n{trace}")
+            outcome = scheduler.run()
+        recorder.fail({*outcome.failed, *outcome.blocked})
+        return outcome
+
+    def _freeze(self) -> None:
+        """Keep the plan, so that tables can be made of these trials later, whatever configs say then."""
+        content: Config = {
+            "trials": [{"key": t.key, "overrides": list(t.overrides), "stages": t.stages} for t in self.plan.trials]
+        }
+        content |= {"protocol": self.protocol.id}
+        write_text(self.root / "plans" / f"{self.names.experiment}.json", json.dumps(content, indent=1) + "\n")
+
+    def _machine(self) -> Config:
+        config = self.config
+        return {
+            "data_root": str(self.data.root),
+            "train_ids": list(self.data.train_ids),
+            "val_ids": list(self.data.val_ids),
+            "device": config["device"],
+            "workers": config["workers"],
+            "cache_frames": config["data"]["cache_frames"],
+            "save_every_steps": config["schedule"]["save_every_steps"],
+            "protocol": config["protocol"],
+        }
+
+    def _recorder(self) -> Recorder:
+        self.store.open()
+        sweep = self.config["sweep"]
+        note = f"{sweep['question'] or 'Trials started by hand.'}\n\nFeeds: {', '.join(sweep['tables']) or 'no table'}."
+        experiment = self.store.experiment(self.names.experiment, note)
+        folder = _folder(self.config, self.data)
+        validation = read_validation(folder, self.data.val_ids)
+        return Recorder(
+            self.store,
+            experiment,
+            self.plan,
+            self.stages_root,
+            validation,
+            self.protocol,
+            {target: detector.NAME for target, detector in self.detectors.items()},
+            (self.names.results, self.data.digest),
+            self.data.root,
+            provenance(),
+            _picture(self.stages_root, folder, validation, self.protocol),
+        )
+
+    def report(self) -> None:
+        """Write and print the tables, or, for trials that feed none, their scores."""
+        scores = stored_scores(self.store, self.names.experiment, {t.key for t in self.plan.trials}, self.protocol.id)
+        if self.config["sweep"]["tables"]:
+            write_report(self.config, scores, self.say)
+        else:
+            self.say(summary(scores, {t.key: " ".join(t.overrides) for t in self.plan.trials}))
+        self.say("\nTo browse every checkpoint: make ui")
+
+
+def _folder(config: Config, data: PreparedData) -> KittiFolder:
+    return KittiFolder(data.root, config["data"]["crop"], config["data"]["calibration"])
+
+
+def _picture(
+    stages_root: Path, folder: KittiFolder, validation: Validation, protocol: Protocol
+) -> Callable[[Trial, int, Path], list[Path]]:
+    """Draws the validation frame with most cars (the first of them)."""
+    index = max(range(len(validation.ids)), key=lambda i: ((validation.labels[i].types == "Car").sum(), -i))
+    frame = folder.frame(validation.ids[index])
+
+    def draw(trial: Trial, step: int, target: Path) -> list[Path]:
+        stored = read_detections(StagePaths(stages_root / trial.key).detections(step))
+        rows = stored.frame == index
+        found = to_labels(stored.boxes_velo[rows], stored.scores[rows], frame.calibration, frame.image_size, protocol)
+        title = f"{' '.join(trial.overrides)}, step {step}, frame {frame.id}"
+        return birds_eye(frame, found, protocol.ignore_beyond, title, target / "birds_eye")
+
+    return draw
+
+
+def stored_scores(store: Store, experiment: str, trials: set[str] | None, protocol: str | None) -> pd.DataFrame:
+    """Tidy scores of an experiment, of some trials under one protocol."""
+    scores = tidy(store.read(experiment)) if store.exists else tidy(pd.DataFrame())
+    if trials is not None:
+        scores = scores[scores["trial"].isin(trials)]
+    if protocol is not None:
+        scores = scores[scores["protocol"] == protocol]
+    return scores.reset_index(drop=True)
+
+
+def report_from_store(config: Config, say: Callable[[str], None] = print) -> None:
+    """Make the tables of a sweep again: from the store where it holds the sweep, else from ``scores.csv``.
+
+    Raises:
+        StoreError: neither has scores.
+    """
+    called = names(config)
+    root = Path(config["store"]["root"])
+    frozen = root / "plans" / f"{called.experiment}.json"
+    scores = pd.DataFrame()
+    if frozen.exists():
+        plan = json.loads(frozen.read_text())
+        store = Store(root, config["store"]["uri"])
+        scores = stored_scores(store, called.experiment, {t["key"] for t in plan["trials"]}, plan["protocol"])
+    if scores.empty:
+        path = results_folder(config) / "scores.csv"
+        scores = read_scores(path)
+        say(f"From {path} (the store holds no such sweep).\n")
+    write_report(config, scores, say)
+
+
+def results_folder(config: Config) -> Path:
+    """``results/<data>-<profile>``."""
+    return Path(config["results"]) / names(config).results
+
+
+def write_report(config: Config, scores: pd.DataFrame, say: Callable[[str], None]) -> None:
+    """Write a results folder and print its tables."""
+    folder = results_folder(config)
+    tables, written = write_results(scores, folder, config["selection"]["stages"], _notes(config))
+    for table in tables:
+        say("\n" + to_markdown(table))
+    say(f"Written to {folder}: " + ", ".join(str(path.relative_to(folder)) for path in written))
+
+
+def _notes(config: Config) -> tuple[str, ...]:
+    protocol = config["protocol"]
+    overlaps = " / ".join(f"{v:g}" for v in protocol["overlaps"]["Car"])
+    area = protocol["ignore_beyond"]
+    limit = f"; cars beyond x {area[0]:g} to {area[2]:g} m, y {area[1]:g} to {area[3]:g} m ignored" if area else ""
+    return (
+        f"Data {config['data']['name']}, profile {config['profile']['name']}; Car, R11, overlaps {overlaps} "
+        f"(image / BEV / 3D); score cut {protocol['score_threshold']:g}, NMS {protocol['nms_iou']:g}{limit}.",
+    )
+
+
+def summary(scores: pd.DataFrame, labels: dict[str, str]) -> str:
+    """Last and best model of each trial, as Markdown."""
+    head = ["trial", "model", "step", *AP_COLUMNS]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * 2 + "---:|" * 7]
+    for rule in ("last", "best"):
+        for _, row in select(scores, rule).iterrows():
+            aps = [f"{row[metric]:.2f}" for metric in AP_COLUMNS.values()]
+            lines.append("| " + " | ".join([labels[row["trial"]] or row["trial"], rule, str(row["step"]), *aps]) + " |")
+    return "\n" + "\n".join(lines)
+
+
+def run_trials(trials: Trials, launcher: Config) -> None:
+    """What the command line starts: a sweep, or a single trial.
+
+    Args:
+        trials: overrides and resolved config of each.
+        launcher: section of the config, with its ``_target_``.
+    """
+    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    built: Launcher = build(launcher, "hydra.launcher")
+    Sweep(trials).run(built)

@@ -1,0 +1,82 @@
+"""What makes a stage the stage it is: each config key can change a result, or is named as one that cannot."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from fnmatch import fnmatchcase
+from typing import Any
+
+from fl3d.records import Config
+
+# Keys that can change the weights, the detections or the scores' steps of a stage.
+RESULT = (
+    "detector.*",
+    "loss.*",
+    "optimizer.*",
+    "schedule.batch_size",
+    "schedule.frames_per_epoch",
+    "schedule.clip",
+    "schedule.ramp_steps",
+    "schedule.checkpoint_every",
+    "schedule.stages.*",
+    "data.crop",
+    "data.calibration",
+    "detections.*",
+    "seed",
+)
+# Keys that cannot. The frames themselves enter through the data's digest; scores carry their protocol's identity.
+BOOKKEEPING = (
+    "data.name",
+    "data.root",
+    "data.generate",
+    "data.seed",
+    "data.train_split",
+    "data.val_split",
+    "data.train_frames",
+    "data.val_frames",
+    "data.cache_frames",
+    "profile.*",
+    "protocol.*",
+    "schedule.save_every_steps",
+    "sweep.*",
+    "selection.*",
+    "store.*",
+    "results",
+    "device",
+    "workers",
+)
+
+
+def leaves(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and values of a nested config; an empty mapping is a leaf."""
+    for key, value in config.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping) and value:
+            yield from leaves(value, f"{name}.")
+        else:
+            yield name, value
+
+
+def matches(key: str, patterns: tuple[str, ...]) -> bool:
+    """Whether a dotted key is named by any of the patterns."""
+    return any(fnmatchcase(key, pattern) for pattern in patterns)
+
+
+def result_config(config: Config) -> Config:
+    """The part of a config that can change a result."""
+    kept: Config = {}
+    for key, value in leaves(config):
+        if matches(key, RESULT):
+            node = kept
+            *parents, last = key.split(".")
+            for part in parents:
+                node = node.setdefault(part, {})
+            node[last] = value
+    return kept
+
+
+def digest(value: Any) -> str:
+    """Hash of plain values: equal where they are equal, whatever the order of keys."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,49 @@
+"""The one interface of all launchers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from enum import Enum
+from pathlib import Path
+
+
+class JobState(Enum):
+    """What has become of a stage that was launched."""
+
+    RUNNING = "running"
+    DONE = "done"
+    RAISED = "raised"  # it failed by itself; trying again would fail again
+    KILLED = "killed"  # something ended it; worth another try
+
+    def is_finished(self) -> bool:
+        """Whether it will not change any more."""
+        return self is not JobState.RUNNING
+
+
+class Job(ABC):
+    """A stage that was launched."""
+
+    @abstractmethod
+    def state(self) -> JobState:
+        """Where it stands, without waiting."""
+
+    @abstractmethod
+    def cancel(self) -> None:
+        """End it; its last checkpoint stays."""
+
+
+class Launcher(ABC):
+    """Starts stages somewhere.
+
+    Attributes:
+        slots: how many stages it runs at once.
+    """
+
+    slots: int
+
+    @abstractmethod
+    def launch(self, folder: Path) -> Job:
+        """Start the stage whose spec lies in a folder."""
+
+    def close(self) -> None:  # noqa: B027
+        """Let go of whatever the launcher holds."""

@@ -1,0 +1,69 @@
+"""Processes on this machine, one torch thread each."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing as mp
+import os
+import signal
+import sys
+from pathlib import Path
+
+from fl3d.sweep.launchers.base import Job, JobState, Launcher
+
+# Threads of the libraries below torch; set before any of them is loaded. Two processes of one thread each are
+# faster than one of two.
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class _Process(Job):
+    def __init__(self, process: mp.process.BaseProcess) -> None:
+        self._process = process
+
+    def state(self) -> JobState:
+        code = self._process.exitcode
+        if code is None:
+            return JobState.RUNNING
+        if code == 0:
+            return JobState.DONE
+        return JobState.KILLED if code < 0 else JobState.RAISED
+
+    def cancel(self) -> None:
+        self._process.terminate()
+        self._process.join(timeout=5)
+        if self._process.exitcode is None:
+            self._process.kill()
+            self._process.join()
+
+
+class LocalLauncher(Launcher):
+    """Each stage in a process of its own, forked from a server that has loaded torch once.
+
+    Args:
+        slots: stages at once; None: as many as this process may use cores.
+    """
+
+    def __init__(self, slots: int | None = None) -> None:
+        self.slots = slots or len(os.sched_getaffinity(0))
+        self._context = mp.get_context("forkserver")
+        self._context.set_forkserver_preload(["fl3d.training.run"])
+        for name in THREADS:
+            os.environ.setdefault(name, "1")
+
+    def launch(self, folder: Path) -> Job:
+        """Start a process; what it prints goes to ``log.txt`` in the stage's folder."""
+        process = self._context.Process(target=_work, args=(folder,), daemon=True)
+        process.start()
+        return _Process(process)
+
+
+def _work(folder: Path) -> None:
+    from fl3d.training.run import run_stage
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which then ends its stages
+    with (folder / "log.txt").open("a") as log, contextlib.redirect_stdout(log), contextlib.redirect_stderr(log):
+        try:
+            run_stage(folder)
+        except Exception as error:
+            print(f"{type(error).__name__}: {error}", file=log, flush=True)
+            sys.exit(1)

@@ -1,0 +1,144 @@
+"""Trials that begin alike share their first stages: from configs to a tree of stages. Pure."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fl3d.errors import ConfigError, options
+from fl3d.records import Config, Stage, Trial
+from fl3d.sweep.identity import digest, result_config
+
+
+@dataclass(frozen=True)
+class DataInfo:
+    """What a plan must know of the data.
+
+    Args:
+        digest: of all frames.
+        n_train: number of training frames.
+    """
+
+    digest: str
+    n_train: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep, ready to run.
+
+    Args:
+        sweep: its name.
+        trials: in the sweeper's order; equal ones once.
+        stages: by key, parents before children.
+    """
+
+    sweep: str
+    trials: tuple[Trial, ...]
+    stages: Mapping[str, Stage]
+
+    @property
+    def epochs(self) -> int:
+        """Epochs to train when beginnings are shared."""
+        return sum(stage.epochs for stage in self.stages.values())
+
+    @property
+    def plain_epochs(self) -> int:
+        """Epochs to train when every trial starts from nothing."""
+        return sum(self.stages[key].epochs for trial in self.trials for key in trial.stages)
+
+
+def make_plan(
+    sweep: str,
+    configs: Sequence[tuple[Sequence[str], Config]],
+    data: DataInfo,
+    versions: Mapping[str, int],
+    known_stages: Mapping[str, Sequence[str]],
+) -> Plan:
+    """Lay out the stages of trials.
+
+    Args:
+        sweep: its name.
+        configs: each trial's overrides and resolved config.
+        data: identity and size of the data.
+        versions: of trainer and detectors, by ``_target_``; see ``stage_key``.
+        known_stages: stages that each detector offers, by ``_target_``.
+
+    Raises:
+        ConfigError: a schedule names a stage that the detector does not offer.
+    """
+    stages: dict[str, Stage] = {}
+    trials: dict[str, Trial] = {}
+    for overrides, config in configs:
+        chain = trial_stages(config, data, versions, known_stages)
+        stages |= {stage.key: stage for stage in chain}
+        trial = Trial(chain[-1].key, tuple(overrides), config, tuple(stage.key for stage in chain))
+        trials.setdefault(trial.key, trial)
+    return Plan(sweep, tuple(trials.values()), stages)
+
+
+def trial_stages(
+    config: Config, data: DataInfo, versions: Mapping[str, int], known_stages: Mapping[str, Sequence[str]]
+) -> list[Stage]:
+    """The stages of one trial, first to last."""
+    target = config["detector"]["_target_"]
+    schedule = config["schedule"]
+    epoch_frames = schedule["frames_per_epoch"] or data.n_train
+    epoch_steps = math.ceil(epoch_frames / schedule["batch_size"])
+    chain: list[Stage] = []
+    for name, own in schedule["stages"].items():
+        if name not in known_stages[target]:
+            raise ConfigError(f"schedule.stages: {target} has no stage '{name}'. {options(name, known_stages[target])}")
+        stage_config = configure_stage(config, name)
+        parent = chain[-1] if chain else None
+        key = stage_key(stage_config, name, parent, data, versions)
+        start = parent.start_epoch + parent.epochs if parent else 0
+        chain.append(Stage(key, name, stage_config, parent.key if parent else None, start, own["epochs"], epoch_steps))
+    if not chain:
+        raise ConfigError("schedule.stages: a trial needs at least one stage")
+    return chain
+
+
+def configure_stage(config: Config, name: str) -> Config:
+    """The config that one stage is trained under: the trial's, with the stage's own changes (``set``)."""
+    own = config["schedule"]["stages"][name]
+    merged = _merge(result_config(config), own.get("set") or {})
+    schedule = dict(merged["schedule"])
+    del schedule["stages"]
+    schedule["stage"] = {"epochs": own["epochs"], "lr_factor": own["lr_factor"]}
+    return {**merged, "schedule": schedule}
+
+
+def stage_key(config: Config, name: str, parent: Stage | None, data: DataInfo, versions: Mapping[str, int]) -> str:
+    """Readable identity: detector, stage, and a hash of the config, the parent, the data and the versions."""
+    target = config["detector"]["_target_"]
+    content: dict[str, Any] = {
+        "config": config,
+        "parent": parent.key if parent else None,
+        "data": data.digest,
+        "versions": [versions["trainer"], versions[target]],
+    }
+    return f"{target.rsplit('.', 1)[-1].lower()}-{name}-{digest(content)[:10]}"
+
+
+def remaining_steps(plan: Plan, done: Mapping[str, bool]) -> dict[str, int]:
+    """Steps on the longest path from each stage to a leaf, itself included; finished stages count nothing."""
+    longest: dict[str, int] = {}
+    for key in reversed(list(plan.stages)):
+        children = [longest[k] for k, s in plan.stages.items() if s.parent == key]
+        own = 0 if done.get(key, False) else plan.stages[key].steps
+        longest[key] = own + max(children, default=0)
+    return longest
+
+
+def _merge(base: Config, changes: Mapping[str, Any]) -> Config:
+    merged = copy.deepcopy(base)
+    for key, value in changes.items():
+        if isinstance(value, Mapping) and isinstance(merged.get(key), Mapping):
+            merged[key] = _merge(merged[key], value)
+        else:
+            merged[key] = copy.deepcopy(value)
+    return merged

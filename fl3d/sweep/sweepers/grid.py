@@ -1,0 +1,33 @@
+"""Every combination of swept values."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
+
+def expand(params: Mapping[str, object], arguments: Sequence[str]) -> tuple[list[str], list[list[str]]]:
+    """Lay out a grid.
+
+    Args:
+        params: swept values by key, in Hydra's grammar, as a sweep file gives them.
+        arguments: overrides of the command line; a key given there replaces the file's.
+
+    Returns:
+        overrides that every trial has, and those of each point of the grid; the first axis varies slowest.
+    """
+    parser = OverridesParser.create()
+    given = parser.parse_overrides(list(arguments))
+    named = {override.key_or_group for override in given}
+    filed = parser.parse_overrides([f"{key}={value}" for key, value in params.items() if key not in named])
+    fixed: list[str] = []
+    axes: list[list[str]] = []
+    for override in [*filed, *given]:
+        if override.is_sweep_override():
+            key = override.get_key_element()
+            axes.append([f"{key}={value}" for value in override.sweep_string_iterator()])
+        elif override.input_line is not None:
+            fixed.append(override.input_line)
+    return fixed, [list(point) for point in itertools.product(*axes)]

@@ -1,0 +1,63 @@
+"""Write and read checkpoints: whole, or not there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import pickle
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from fl3d.errors import CheckpointError
+from fl3d.files import write_atomically, write_text
+from fl3d.records import Checkpoint, StagePaths
+
+State = dict[str, Any]
+
+
+def save_state(path: Path, state: State) -> str:
+    """Write a state of tensors and plain values; returns the file's SHA-256."""
+    write_atomically(path, lambda temporary: torch.save(state, temporary))
+    return _sha256(path)
+
+
+def load_state(path: Path) -> State:
+    """Read a state; nothing but tensors and plain values is unpickled.
+
+    Raises:
+        CheckpointError: missing, torn, or of another kind.
+    """
+    try:
+        state: State = torch.load(path, map_location="cpu", weights_only=True)
+    except (OSError, RuntimeError, EOFError, ValueError, KeyError, pickle.UnpicklingError) as error:
+        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise CheckpointError(f"{path}: cannot be read as a checkpoint ({first})") from None
+    return state
+
+
+def write_marker(paths: StagePaths, checkpoint: Checkpoint) -> None:
+    """Declare a checkpoint whole; to be called after all its files are written."""
+    write_text(paths.marker(checkpoint.step), json.dumps(asdict(checkpoint), indent=1) + "\n")
+
+
+def read_marker(paths: StagePaths, step: int) -> Checkpoint:
+    """Read a checkpoint's marker."""
+    return Checkpoint(**json.loads(paths.marker(step).read_text()))
+
+
+def last_state(paths: StagePaths) -> tuple[State, Checkpoint] | None:
+    """Newest checkpoint whose weights are what its marker says; torn ones are passed over."""
+    for step in reversed(paths.steps()):
+        checkpoint = read_marker(paths, step)
+        path = paths.weights(step)
+        if path.exists() and _sha256(path) == checkpoint.sha256:
+            return load_state(path), checkpoint
+    return None
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

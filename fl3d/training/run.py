@@ -1,0 +1,186 @@
+"""Run one stage from its folder: what every launcher starts, in whatever process."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+from fl3d.data.dataset import Frames
+from fl3d.data.kitti import KittiFolder
+from fl3d.errors import CheckpointError, Fl3dError
+from fl3d.evaluation.detections import Validation, read_detections, read_validation, score, write_detections
+from fl3d.evaluation.protocol import Protocol
+from fl3d.files import write_text
+from fl3d.locks import locked
+from fl3d.records import Checkpoint, Config, Stage, StagePaths
+from fl3d.training.build import build_detector, build_optimizer, build_protocol, build_schedule
+from fl3d.training.checkpoints import State, last_state, load_state, read_marker, save_state, write_marker
+from fl3d.training.reproducibility import prepare
+from fl3d.training.trainer import Averages, Trainer, detect_frames
+
+PROGRESS_SECONDS = 1.0
+
+
+def write_spec(paths: StagePaths, stage: Stage, machine: Config) -> None:
+    """Freeze a stage in its folder, with the settings of this machine that do not change a result.
+
+    Args:
+        paths: of the stage.
+        stage: what is trained.
+        machine: ``data_root``, ``train_ids``, ``val_ids``, ``device``, ``workers``, ``cache_frames``,
+            ``save_every_steps``, ``protocol``.
+    """
+    write_text(paths.spec, json.dumps({"stage": asdict(stage), "machine": machine}, indent=1) + "\n")
+
+
+def run_stage(folder: Path) -> None:
+    """Train a stage to its end, from its last checkpoint if it has one; a finished one is left alone.
+
+    Args:
+        folder: of the stage, holding its spec.
+
+    Raises:
+        Fl3dError: whatever went wrong; the traceback is left in ``error.txt``.
+    """
+    paths = StagePaths(folder)
+    try:
+        with locked(paths.lock):
+            if not paths.done.exists():
+                _Run(paths).run()
+    except BaseException:
+        write_text(paths.error, traceback.format_exc())
+        raise
+    paths.error.unlink(missing_ok=True)
+
+
+class _Run:
+    """A stage on this machine."""
+
+    def __init__(self, paths: StagePaths) -> None:
+        spec = json.loads(paths.spec.read_text())
+        self.paths, self.stage, self.machine = paths, Stage(**spec["stage"]), spec["machine"]
+        config = self.stage.config
+        self.device: str = self.machine["device"]
+        prepare(config["seed"], self.device)
+        folder = KittiFolder(Path(self.machine["data_root"]), config["data"]["crop"], config["data"]["calibration"])
+        cache: int = self.machine["cache_frames"]
+        self.train = Frames(folder, self.machine["train_ids"], cache)
+        self.val = Frames(folder, self.machine["val_ids"], cache)
+        self.validation = read_validation(folder, self.val.ids)
+        self.protocol = build_protocol(self.machine["protocol"])
+        self.schedule = build_schedule(config, self.machine)
+        self.detector = build_detector(config).to(self.device)
+        optimizer = build_optimizer(config, self.detector)
+        self.trainer = Trainer(
+            self.stage, self.detector, optimizer, self.schedule, self.train, self.device, self.machine["workers"]
+        )
+        self.timer = _Timer()
+        self._shown = 0.0
+        self._parent_pid = os.getppid()
+
+    def run(self) -> None:
+        self._restore()
+        end = self.stage.start_step + self.stage.steps
+        while self.trainer.step < end:
+            with self.timer.measure("training"):
+                self.trainer.train_epoch(self._after_step)
+            own_epochs = self.trainer.epoch - self.stage.start_epoch
+            if own_epochs % self.schedule.checkpoint_every == 0 or self.trainer.step == end:
+                self._checkpoint()
+        self._show(force=True)
+        write_text(self.paths.done, json.dumps({"step": self.trainer.step}) + "\n")
+        self.paths.resume.unlink(missing_ok=True)
+
+    def _restore(self) -> None:
+        state = self._own_state()
+        if state is not None:
+            self.trainer.restore(state)
+        elif self.stage.parent is not None:
+            parent = StagePaths(self.paths.folder.parent / self.stage.parent)
+            found = last_state(parent)
+            if found is None or found[1].step != self.stage.start_step:
+                raise CheckpointError(f"{parent.folder}: no whole checkpoint at step {self.stage.start_step}")
+            self.trainer.restore(found[0])
+            self.trainer.averages = Averages()
+
+    def _own_state(self) -> State | None:
+        found = last_state(self.paths)
+        state = found[0] if found else None
+        if self.paths.resume.exists():
+            try:
+                resume = load_state(self.paths.resume)
+            except CheckpointError:
+                return state
+            if state is None or resume["step"] > state["step"]:
+                return resume
+        return state
+
+    def _after_step(self) -> None:
+        self._show()
+        every = self.schedule.save_every_steps
+        if every and self.trainer.step % every == 0 and self.trainer.step % self.stage.epoch_steps:
+            save_state(self.paths.resume, self.trainer.state())
+
+    def _checkpoint(self) -> None:
+        step, losses, lr = self.trainer.step, self.trainer.averages.means(), self.trainer.lr()
+        self.trainer.averages = Averages()
+        sha256 = save_state(self.paths.weights(step), self.trainer.state())
+        with self.timer.measure("detection"):
+            limits = self.stage.config["detections"]
+            found = detect_frames(
+                self.detector,
+                self.val,
+                limits["max_boxes"],
+                limits["min_score"],
+                self.device,
+                after_batch=lambda: self._show(force=True),
+            )
+            write_detections(self.paths.detections(step), found)
+        with self.timer.measure("scoring"):
+            write_scores(self.paths, step, self.validation, self.protocol)
+        seconds = self.timer.take()
+        write_marker(self.paths, Checkpoint(self.stage.key, step, self.trainer.epoch, lr, losses, seconds, sha256))
+
+    def _show(self, force: bool = False) -> None:
+        """Renew the progress file; leave when the parent process has gone."""
+        now = time.monotonic()
+        if force or now - self._shown > PROGRESS_SECONDS:
+            self._shown = now
+            done = self.trainer.step - self.stage.start_step
+            write_text(self.paths.progress, json.dumps({"step": done, "steps": self.stage.steps}))
+            if os.getppid() != self._parent_pid:
+                raise Fl3dError("the process that started this stage has ended; run the same command to go on")
+
+
+def write_scores(paths: StagePaths, step: int, validation: Validation, protocol: Protocol) -> None:
+    """Score a checkpoint's stored detections, unless that is done."""
+    path = paths.scores(step, protocol.id)
+    if not path.exists():
+        scores = score(read_detections(paths.detections(step)), validation, protocol)
+        write_text(path, json.dumps(scores, indent=1) + "\n")
+
+
+class _Timer:
+    """Seconds by purpose, since they were last taken."""
+
+    def __init__(self) -> None:
+        self._seconds: dict[str, float] = {}
+
+    @contextmanager
+    def measure(self, name: str) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - started
+
+    def take(self) -> dict[str, float]:
+        seconds, self._seconds = self._seconds, {}
+        return {name: round(value, 3) for name, value in seconds.items()}
+
+
+__all__ = ["read_marker", "run_stage", "write_scores", "write_spec"]

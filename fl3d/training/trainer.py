@@ -1,0 +1,234 @@
+"""Train one stage: epochs, checkpoints, detections and scores."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import nn
+from torch.utils.data import DataLoader, Dataset
+
+from fl3d.data.dataset import Frames, epoch_order
+from fl3d.detectors.base import Batch, Detector, Found, Sample
+from fl3d.errors import CheckpointError, TrainingError
+from fl3d.evaluation.detections import Detections
+from fl3d.records import Stage
+from fl3d.training.checkpoints import State
+from fl3d.training.reproducibility import random_state, sample_generator, set_random_state
+
+VERSION = 1  # raised whenever the same stage would train to other bits
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How a stage is trained.
+
+    Args:
+        batch_size: frames in a step.
+        frames_per_epoch: frames in an epoch, the split repeated or cut as needed; None: each frame once.
+        lr_factor: of this stage on the optimiser's learning rate.
+        clip: largest norm of the gradient; None: no limit.
+        ramp_steps: the learning rate rises linearly over the first steps of the first stage.
+        checkpoint_every: epochs between checkpoints; the last epoch always has one.
+        save_every_steps: steps between resume points within an epoch; None: none.
+    """
+
+    batch_size: int
+    frames_per_epoch: int | None
+    lr_factor: float
+    clip: float | None
+    ramp_steps: int
+    checkpoint_every: int
+    save_every_steps: int | None = None
+
+    def epoch_frames(self, n_frames: int) -> int:
+        """Frames in one epoch."""
+        return self.frames_per_epoch or n_frames
+
+    def epoch_steps(self, n_frames: int) -> int:
+        """Steps in one epoch; the last batch may be smaller."""
+        return math.ceil(self.epoch_frames(n_frames) / self.batch_size)
+
+
+class _Epoch(Dataset[Sample]):
+    """The samples of one epoch, in its order."""
+
+    def __init__(self, detector: Detector, frames: Frames, order: np.ndarray, seed: int, epoch: int) -> None:
+        self.detector, self.frames, self.order, self.seed, self.epoch = detector, frames, order, seed, epoch
+
+    def __len__(self) -> int:
+        return len(self.order)
+
+    def __getitem__(self, position: int) -> Sample:
+        rng = sample_generator(self.seed, self.epoch, position)
+        return self.detector.encode(self.frames[int(self.order[position])], rng, training=True)
+
+
+@dataclass
+class Averages:
+    """Running means of loss terms."""
+
+    sums: dict[str, float] = field(default_factory=dict)
+    count: int = 0
+
+    def add(self, terms: dict[str, float]) -> None:
+        """Add one step's terms."""
+        for name, value in terms.items():
+            self.sums[name] = self.sums.get(name, 0.0) + value
+        self.count += 1
+
+    def means(self) -> dict[str, float]:
+        """Mean of each term since the start."""
+        return {name: value / self.count for name, value in self.sums.items()}
+
+
+class Trainer:
+    """A detector in training.
+
+    Args:
+        stage: what is trained.
+        detector: the network, on its device.
+        optimizer: over its parameters.
+        schedule: of the stage.
+        frames: training frames.
+        device: torch's name of it.
+        workers: loader processes; 0 loads in this one. The number does not change a bit.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        detector: Detector,
+        optimizer: torch.optim.Optimizer,
+        schedule: Schedule,
+        frames: Frames,
+        device: str = "cpu",
+        workers: int = 0,
+    ) -> None:
+        self.stage, self.detector, self.optimizer, self.schedule = stage, detector, optimizer, schedule
+        self.frames, self.device, self.workers = frames, device, workers
+        self.seed: int = stage.config["seed"]
+        self.base_lr: float = optimizer.param_groups[0]["lr"] * schedule.lr_factor
+        self.step = stage.start_step
+        self.averages = Averages()
+
+    def state(self) -> State:
+        """Everything that training depends on from here."""
+        return {
+            "model": self.detector.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "random": random_state(self.device),
+            "step": self.step,
+            "averages": {"sums": dict(self.averages.sums), "count": self.averages.count},
+        }
+
+    def restore(self, state: State) -> None:
+        """Go on from a state, of this stage or of its parent.
+
+        Raises:
+            CheckpointError: it is of another network.
+        """
+        try:
+            self.detector.load_state_dict(state["model"])
+            self.optimizer.load_state_dict(state["optimizer"])
+        except (RuntimeError, ValueError, KeyError) as error:
+            raise CheckpointError(f"{self.stage.key}: the checkpoint is of another network: {error}") from None
+        set_random_state(state["random"], self.device)
+        self.step = state["step"]
+        self.averages = Averages(**state["averages"])
+
+    def lr(self) -> float:
+        """Learning rate of the next step."""
+        ramp = self.schedule.ramp_steps
+        return self.base_lr * min(1.0, (self.step + 1) / ramp) if ramp else self.base_lr
+
+    @property
+    def epoch(self) -> int:
+        """Epochs completed, over all stages."""
+        return self.step // self.stage.epoch_steps
+
+    def train_epoch(self, after_step: Callable[[], None]) -> None:
+        """Train to the end of the current epoch, from wherever in it the state stands."""
+        self.detector.train()
+        for batch in self._batches():
+            self._step(batch)
+            after_step()
+
+    def _batches(self) -> Iterator[Batch]:
+        epoch, done = divmod(self.step, self.stage.epoch_steps)
+        n_frames, size = self.schedule.epoch_frames(len(self.frames)), self.schedule.batch_size
+        order = epoch_order(len(self.frames), math.ceil(n_frames / len(self.frames)), self.seed, epoch)[:n_frames]
+        batches = [list(range(i, min(i + size, n_frames))) for i in range(done * size, n_frames, size)]
+        loader = DataLoader(
+            _Epoch(self.detector, self.frames, order, self.seed, epoch),
+            batch_sampler=batches,
+            collate_fn=self.detector.collate,
+            num_workers=self.workers,
+            generator=torch.Generator(),  # its own, so that making a loader does not advance the global one
+        )
+        for batch in loader:
+            yield to_device(batch, self.device)
+
+    def _step(self, batch: Batch) -> None:
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.lr()
+        terms = self.detector.loss(batch)
+        total = torch.stack(list(terms.values())).sum()
+        if not torch.isfinite(total):
+            values = {name: float(value.detach()) for name, value in terms.items()}
+            raise TrainingError(f"{self.stage.key}: the loss is not finite at step {self.step + 1}: {values}")
+        self.optimizer.zero_grad()
+        total.backward()  # type: ignore[no-untyped-call]
+        if self.schedule.clip is not None:
+            nn.utils.clip_grad_norm_(self.detector.parameters(), self.schedule.clip)
+        self.optimizer.step()
+        self.step += 1
+        self.averages.add({"total": float(total.detach())} | {k: float(v.detach()) for k, v in terms.items()})
+
+
+def to_device(batch: Batch, device: str) -> Batch:
+    """Move a batch; the CPU's own stays as it is."""
+    return batch if device == "cpu" else {k: v.to(device, non_blocking=True) for k, v in batch.items()}
+
+
+def detect_frames(
+    detector: Detector,
+    frames: Frames,
+    max_boxes: int,
+    min_score: float,
+    device: str = "cpu",
+    batch_size: int = 4,
+    after_batch: Callable[[], None] = lambda: None,
+) -> Detections:
+    """Run a detector over frames in evaluation mode; the random states of training are not touched.
+
+    Args:
+        detector: the network.
+        frames: validation frames.
+        max_boxes: stored per frame.
+        min_score: stored above.
+        device: of the network.
+        batch_size: frames at once.
+        after_batch: called after each batch, to show progress.
+    """
+    detector.eval()
+    found: list[Found] = []
+    started = time.monotonic()
+    for start in range(0, len(frames), batch_size):
+        indices = range(start, min(start + batch_size, len(frames)))
+        samples = [detector.encode(frames[i], np.random.default_rng([0, i]), training=False) for i in indices]
+        found += detector.detect(to_device(detector.collate(samples), device), max_boxes, min_score)
+        if time.monotonic() - started > 1:
+            started = time.monotonic()
+            after_batch()
+    counts = [len(f.scores) for f in found]
+    return Detections(
+        frames.ids,
+        np.repeat(np.arange(len(found)), counts),
+        np.concatenate([f.boxes_velo for f in found]),
+        np.concatenate([f.scores for f in found]),
+    )
