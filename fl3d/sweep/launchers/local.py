@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import multiprocessing as mp
 import os
+import pkgutil
 import signal
 import sys
 from pathlib import Path
 
+import fl3d.detectors
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
 
 # Threads of the libraries below torch; set before any of them is loaded. Two processes of one thread each are
@@ -46,7 +48,9 @@ class LocalLauncher(Launcher):
     def __init__(self, slots: int | None = None) -> None:
         self.slots = slots or len(os.sched_getaffinity(0))
         self._context = mp.get_context("forkserver")
-        self._context.set_forkserver_preload(["fl3d.training.run"])
+        # All code is loaded now: what is edited while a sweep runs does not reach it.
+        detectors = [f"fl3d.detectors.{module.name}" for module in pkgutil.iter_modules(fl3d.detectors.__path__)]
+        self._context.set_forkserver_preload(["fl3d.training.run", *detectors])
         for name in THREADS:
             os.environ.setdefault(name, "1")
 
