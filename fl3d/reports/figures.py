@@ -65,7 +65,7 @@ def ap_over_steps(scores: pd.DataFrame, path: Path) -> list[Path]:
         axes.set_xlabel("training step")
         axes.set_ylabel("3D AP moderate (%)")
 
-    return _panels(scores, path, panel, legend_columns=1)
+    return _panels(scores, path, panel, legend_columns=7)
 
 
 def ap_over_gamma(scores: pd.DataFrame, path: Path) -> list[Path]:
@@ -86,7 +86,7 @@ def ap_over_gamma(scores: pd.DataFrame, path: Path) -> list[Path]:
         axes.set_xlabel("γ")
         axes.set_ylabel("AP of the last model (%)")
 
-    return _panels(last, path, panel, legend_columns=2)
+    return _panels(last, path, panel, legend_columns=6)
 
 
 def _panels(
@@ -100,7 +100,8 @@ def _panels(
         for axes, detector in zip(grid[0], detectors, strict=True):
             panel(axes, detector, scores[scores["detector"] == detector])
             axes.set_title(detector)
-        grid[0, -1].legend(fontsize=6, frameon=False, ncols=legend_columns)
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, fontsize=7, frameon=False, ncols=legend_columns, loc="outside lower center")
         return save(figure, path)
 
 

@@ -1,8 +1,9 @@
-"""A bar for the whole sweep, with the stages that run now and the time left."""
+"""How far a sweep is: on a terminal a bar, elsewhere a line now and then; with the time left."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 from typing import Self
 
@@ -12,9 +13,11 @@ from fl3d.records import Stage, StagePaths
 from fl3d.sweep.plan import Plan
 from fl3d.sweep.scheduler import steps_done
 
+LINE_SECONDS = 30  # between lines where there is no terminal
+
 
 class Progress:
-    """Shows training steps done of all stages of a plan; on a terminal a bar, elsewhere a line now and then.
+    """Shows the training steps done of all stages of a plan.
 
     Args:
         plan: what runs.
@@ -25,17 +28,12 @@ class Progress:
         self.plan, self.paths = plan, paths
         total = sum(stage.steps for stage in plan.stages.values())
         done = sum(steps_done(paths(key), stage) for key, stage in plan.stages.items())
-        interactive = sys.stderr.isatty()
+        self.lines = not sys.stderr.isatty()
         self.bar = tqdm(
-            total=total,
-            initial=done,
-            desc=plan.sweep,
-            unit="step",
-            dynamic_ncols=interactive,
-            ncols=None if interactive else 120,
-            mininterval=0.5 if interactive else 15,
-            smoothing=0.02,
+            total=total, initial=done, desc=plan.sweep, unit="step", dynamic_ncols=True, smoothing=0, disable=self.lines
         )
+        self.started = self.printed = time.monotonic()
+        self.first, self.done, self.total = done, done, total
 
     def __enter__(self) -> Self:
         return self
@@ -45,10 +43,21 @@ class Progress:
 
     def tick(self, running: list[Stage]) -> None:
         """Renew the bar."""
-        done = sum(steps_done(self.paths(key), stage) for key, stage in self.plan.stages.items())
+        self.done = sum(steps_done(self.paths(key), stage) for key, stage in self.plan.stages.items())
         names = ", ".join(f"{s.key.rsplit('-', 1)[0]} γ={s.config['loss'].get('gamma', 0):g}" for s in running)
         self.bar.set_postfix_str(names, refresh=False)
-        self.bar.update(done - self.bar.n)
+        self.bar.update(self.done - self.bar.n)
+        now = time.monotonic()
+        if self.lines and running and now - self.printed > LINE_SECONDS:
+            self.printed = now
+            print(f"{self.done}/{self.total} steps, {self._left(now)} left: {names}", file=sys.stderr, flush=True)
+
+    def _left(self, now: float) -> str:
+        new = self.done - self.first
+        if not new:
+            return "unknown time"
+        seconds = (self.total - self.done) * (now - self.started) / new
+        return tqdm.format_interval(seconds)
 
     def say(self, text: str) -> None:
         """Print a line without breaking the bar."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from fl3d.data.labels import write_labels
 from fl3d.data.simulator import VERSION
 from fl3d.data.simulator.annotate import annotate
 from fl3d.data.simulator.scene import random_scene
-from fl3d.data.simulator.sensor import Ground, scan
+from fl3d.data.simulator.sensor import CLUTTER, scan
 from fl3d.data.simulator.shapes import Shape
 from fl3d.files import write_text
 
@@ -66,7 +67,8 @@ def generate(root: Path, settings: Settings) -> Path:
     for part in ("velodyne", "label_2", "calib"):
         (folder / "training" / part).mkdir(parents=True, exist_ok=True)
     total = settings.train + settings.val
-    for index in tqdm(range(total), desc="simulating", unit="frame"):
+    print(f"simulating {total} frames into {folder}", file=sys.stderr, flush=True)
+    for index in tqdm(range(total), unit="frame", disable=None):
         _write_frame(folder, index, settings.seed)
     ids = [f"{i:06d}" for i in range(total)]
     write_text(folder / "ImageSets" / "train.txt", "\n".join(ids[: settings.train]) + "\n")
@@ -85,7 +87,7 @@ def _write_frame(folder: Path, index: int, seed: int) -> None:
         owners += [number] * len(thing.shapes)
     for thing in scene.clutter:
         shapes += thing.shapes
-        owners += [-1 - len(scene.things)] * len(thing.shapes)
+        owners += [CLUTTER] * len(thing.shapes)
     returns = scan(shapes, owners, len(scene.things), scene.ground, rng)
     labels = annotate(scene.things, returns, CALIBRATION, IMAGE_SIZE)
     name = f"{index:06d}"
@@ -93,5 +95,3 @@ def _write_frame(folder: Path, index: int, seed: int) -> None:
     write_labels(folder / "training" / "label_2" / f"{name}.txt", labels)
     write_calibration(folder / "training" / "calib" / f"{name}.txt", CALIBRATION)
 
-
-__all__ = ["CALIBRATION", "Ground", "Settings", "generate"]

@@ -19,6 +19,7 @@ HALF_VIEW = 44.0  # degrees: a little more than the camera sees
 MIN_RANGE, MAX_RANGE = 2.0, 120.0  # metres
 RANGE_NOISE = 0.02  # metres, one standard deviation
 GROUND_ROUGHNESS = 0.02  # metres
+GROUND, CLUTTER = -1, -2  # owners that are no objects
 FAINTEST = 0.004  # mean of the detection threshold; see `_heard`
 
 
@@ -159,7 +160,7 @@ def scan(
 
     Args:
         shapes: of the scene; those of one object must follow each other.
-        owners: the object of each shape, or -1 for background.
+        owners: the object of each shape, or ``CLUTTER``.
         n_objects: how many objects there are.
         ground: under it all.
         rng: noise, drop-out and foliage.
@@ -188,7 +189,7 @@ def scan(
     x = noisy * cos * np.cos(azimuths)[:, None]
     y = noisy * cos * np.sin(azimuths)[:, None]
     z = noisy * np.sin(elevations) + heights
-    z = z + np.where(owner == -1, rng.normal(0, GROUND_ROUGHNESS, z.shape), 0.0)
+    z = z + np.where(owner == GROUND, rng.normal(0, GROUND_ROUGHNESS, z.shape), 0.0)
     reflectance = np.clip(echo + rng.normal(0, 0.03, echo.shape), 0, 0.99)
     points = np.stack([x, y, z, reflectance], axis=-1)[hit]
     return Returns(points.astype(np.float32), alone, seen.astype(np.int64))

@@ -1,0 +1,179 @@
+"""Reading and writing KITTI, real and broken."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fl3d.data.calibration import Calibration, read_calibration, write_calibration
+from fl3d.data.dataset import Frames, TargetRule, epoch_order, subset
+from fl3d.data.kitti import KittiFolder, read_cloud
+from fl3d.data.labels import read_labels, write_labels
+from fl3d.errors import DataError
+
+LINE = "Car 0.00 0 1.55 614.24 181.78 727.31 284.77 1.57 1.73 4.15 1.00 1.75 13.22 1.62\n"
+
+
+def test_a_label_line_is_read_field_by_field(tmp_path: Path) -> None:
+    path = tmp_path / "000000.txt"
+    path.write_text(LINE)
+    labels = read_labels(path)
+    assert labels.types.tolist() == ["Car"]
+    assert labels.boxes_image.tolist() == [[614.24, 181.78, 727.31, 284.77]]
+    assert labels.boxes_cam.tolist() == [[1.00, 1.75, 13.22, 1.57, 1.73, 4.15, 1.62]]
+    assert labels.scores is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (LINE + "Car 0.00 0 1.55 614.24\n", "000000.txt:2: 15 fields expected, found 5"),
+        (LINE.replace("13.22", "nan"), "000000.txt:1: field 'z': 'nan' is not finite"),
+        (LINE.replace("1.57", "tall"), "000000.txt:1: field 'height': 'tall' is not a number"),
+    ],
+)
+def test_a_malformed_label_names_file_line_and_field(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "000000.txt"
+    path.write_text(text)
+    with pytest.raises(DataError, match=message):
+        read_labels(path)
+
+
+def test_an_empty_label_file_has_no_objects(tmp_path: Path) -> None:
+    path = tmp_path / "000000.txt"
+    path.write_text("")
+    labels = read_labels(path)
+    assert len(labels) == 0
+    assert labels.boxes_cam.shape == (0, 7)
+
+
+def test_written_labels_read_back(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(LINE)
+    write_labels(tmp_path / "b.txt", read_labels(path))
+    assert (tmp_path / "b.txt").read_text() == LINE
+
+
+def test_a_cloud_cut_within_a_point_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "000000.bin"
+    path.write_bytes(b"\0" * 30)
+    with pytest.raises(DataError, match=r"000000\.bin: 30 bytes"):
+        read_cloud(path)
+
+
+def test_a_cloud_with_a_point_that_is_not_finite_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "000000.bin"
+    np.array([[0, 0, 0, 0], [0, np.inf, 0, 0]], dtype=np.float32).tofile(path)
+    with pytest.raises(DataError, match="point 1 is not finite"):
+        read_cloud(path)
+
+
+def test_a_calibration_that_lacks_a_matrix_or_a_value_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "000000.txt"
+    path.write_text("P2: 1 2 3\n")
+    with pytest.raises(DataError, match=r"000000\.txt:1: P2 needs 12 values, found 3"):
+        read_calibration(path)
+    path.write_text("P2: " + "1 " * 12 + "\n")
+    with pytest.raises(DataError, match="no line for R0_rect, Tr_velo_to_cam"):
+        read_calibration(path)
+
+
+def test_a_missing_split_lists_those_present(simulated: Path) -> None:
+    with pytest.raises(DataError, match="Possible: train, val"):
+        KittiFolder(simulated).split("trainn")
+
+
+def test_a_missing_frame_names_its_file(simulated: Path) -> None:
+    with pytest.raises(DataError, match=r"calib/999999\.txt: no such file"):
+        KittiFolder(simulated).frame("999999")
+
+
+def test_boxes_survive_the_way_to_the_lidar_and_back(kitti_sample: Path) -> None:
+    folder = KittiFolder(kitti_sample)
+    for frame_id in folder.split("sample_val"):
+        calibration, labels = folder.read_calibration(frame_id), folder.read_labels(frame_id)
+        cars = labels.boxes_cam[labels.types == "Car"]
+        back = calibration.boxes_to_cam(calibration.boxes_to_velo(cars))
+        np.testing.assert_allclose(back[:, :6], cars[:, :6], atol=1e-6)
+        np.testing.assert_allclose(np.cos(back[:, 6] - cars[:, 6]), 1, atol=1e-12)
+
+
+def test_calibration_files_read_back(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    calibration = Calibration(rng.normal(size=(3, 4)), rng.normal(size=(3, 3)), rng.normal(size=(3, 4)))
+    write_calibration(tmp_path / "c.txt", calibration)
+    back = read_calibration(tmp_path / "c.txt")
+    np.testing.assert_allclose(back.P2, calibration.P2, rtol=1e-12)
+    np.testing.assert_allclose(back.velo_to_rect, calibration.velo_to_rect, rtol=1e-11)
+
+
+def test_real_splits_have_the_papers_sizes(kitti_sample: Path) -> None:
+    folder = KittiFolder(kitti_sample)
+    assert [len(folder.split(name)) for name in ("train", "val", "sample_train", "sample_val")] == [3712, 3769, 22, 10]
+
+
+def test_real_cars_hold_points_of_their_cloud(kitti_sample: Path) -> None:
+    """Frames, boxes and calibration fit together: nearly every near, visible car has points inside its box."""
+    folder = KittiFolder(kitti_sample)
+    rule = TargetRule(min_points=1)
+    found = visible = 0
+    for frame_id in folder.split("sample"):
+        frame = folder.frame(frame_id)
+        found += len(rule.boxes_velo(frame))
+        visible += int((frame.labels.types == "Car").sum())
+    assert visible == 167
+    assert found > 0.9 * visible
+
+
+def test_the_crop_keeps_what_the_camera_sees(kitti_sample: Path) -> None:
+    """About 18.7 thousand of 120 thousand points."""
+    whole, seen = (KittiFolder(kitti_sample, crop=crop).frame("000010") for crop in ("none", "image"))
+    assert 100_000 < len(whole.points_velo) < 130_000
+    assert 12_000 < len(seen.points_velo) < 25_000
+    assert (seen.points_velo[:, 0] > 0).all()
+
+
+def test_boxes_with_fewer_than_ten_points_are_no_targets(simulated: Path) -> None:
+    folder = KittiFolder(simulated)
+    frames = [folder.frame(i) for i in folder.split("train")]
+    counts = {n: sum(len(TargetRule(min_points=n).boxes_velo(f)) for f in frames) for n in (0, 9, 10, 11)}
+    assert counts[0] > counts[9] >= counts[10] >= counts[11] > 0
+
+
+def test_the_mean_calibration_replaces_every_frames_own(kitti_sample: Path) -> None:
+    own, mean = (KittiFolder(kitti_sample, calibration=kind).read_calibration("000003") for kind in ("frame", "mean"))
+    assert not np.array_equal(own.P2, mean.P2)
+    np.testing.assert_allclose(own.P2, mean.P2, atol=5)
+
+
+def test_the_digest_knows_content_not_place(simulated: Path, tmp_path: Path) -> None:
+    import shutil
+
+    ids = KittiFolder(simulated).split("train")
+    copy = tmp_path / "copy"
+    shutil.copytree(simulated, copy)
+    assert KittiFolder(copy).digest(ids) == KittiFolder(simulated).digest(ids)
+    label = copy / "training" / "label_2" / f"{ids[0]}.txt"
+    label.write_text(label.read_text() + LINE)
+    assert KittiFolder(copy).digest(ids) != KittiFolder(simulated).digest(ids)
+
+
+def test_frames_are_cached_up_to_the_limit(simulated: Path) -> None:
+    folder = KittiFolder(simulated)
+    frames = Frames(folder, folder.split("train"), cache=1)
+    assert frames[0] is frames[0]
+    assert frames[1] is not frames[1]
+
+
+def test_every_epoch_has_its_own_order_and_each_pass_every_frame() -> None:
+    first, second = epoch_order(10, 2, seed=0, epoch=0), epoch_order(10, 2, seed=0, epoch=1)
+    assert sorted(first[:10]) == sorted(first[10:]) == list(range(10))
+    assert first.tolist() != second.tolist()
+    assert first.tolist() == epoch_order(10, 2, seed=0, epoch=0).tolist()
+
+
+def test_a_subset_is_seeded_and_keeps_the_order() -> None:
+    ids = [f"{i:06d}" for i in range(100)]
+    chosen = subset(ids, 10, seed=1)
+    assert chosen == sorted(chosen) == subset(ids, 10, seed=1) != subset(ids, 10, seed=2)
+    assert subset(ids, None, 0) == ids == subset(ids, 100, 0)

@@ -1,0 +1,117 @@
+"""What every detector must do, run over every YAML in conf/detector."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from fl3d.config import CONF, compose_config
+from fl3d.data.kitti import Frame, KittiFolder
+from fl3d.detectors.base import Detector
+from fl3d.detectors.flops import layer_flops
+from fl3d.training.build import build_detector
+
+NAMES = sorted(path.stem for path in (CONF / "detector").glob("*.yaml"))
+
+
+@pytest.fixture(params=NAMES)
+def detector(request: pytest.FixtureRequest) -> Detector:
+    torch.manual_seed(0)
+    return build_detector(compose_config([f"detector={request.param}", "profile=quick"]))
+
+
+@pytest.fixture(scope="module")
+def frames(simulated: Path) -> list[Frame]:
+    folder = KittiFolder(simulated)
+    return [folder.frame(i) for i in folder.split("train")[:2]]
+
+
+def encode(detector: Detector, frames: list[Frame], training: bool = True, seed: int = 0) -> dict[str, torch.Tensor]:
+    samples = [detector.encode(f, np.random.default_rng([seed, i]), training) for i, f in enumerate(frames)]
+    return detector.collate(samples)
+
+
+def without_points(frame: Frame) -> Frame:
+    return Frame(frame.id, frame.points_velo[:0], frame.calibration, frame.labels, frame.image_size)
+
+
+def without_cars(frame: Frame) -> Frame:
+    labels = frame.labels.select(frame.labels.types != "Car")
+    return Frame(frame.id, frame.points_velo, frame.calibration, labels, frame.image_size)
+
+
+def test_it_names_itself_and_its_stages(detector: Detector) -> None:
+    assert detector.NAME
+    assert detector.STAGES
+    assert detector.VERSION >= 1
+
+
+def test_its_loss_is_finite_and_reaches_every_weight(detector: Detector, frames: list[Frame]) -> None:
+    terms = detector.loss(encode(detector, frames))
+    torch.stack(list(terms.values())).sum().backward()
+    for name, parameter in detector.named_parameters():
+        assert parameter.grad is not None, name
+        assert torch.isfinite(parameter.grad).all(), name
+
+
+def test_a_few_steps_lower_its_loss(detector: Detector, frames: list[Frame]) -> None:
+    batch = encode(detector, frames)
+    optimizer = torch.optim.Adam(detector.parameters(), lr=2e-3)
+    losses = []
+    for _ in range(8):
+        total = torch.stack(list(detector.loss(batch).values())).sum()
+        optimizer.zero_grad()
+        total.backward()
+        optimizer.step()
+        losses.append(float(total.detach()))
+    assert losses[-1] < 0.8 * losses[0]
+
+
+def test_it_finds_boxes_in_falling_order_and_no_more_than_asked(detector: Detector, frames: list[Frame]) -> None:
+    found = detector.eval().detect(encode(detector, frames, training=False), max_boxes=7, min_score=0.0)
+    assert len(found) == 2
+    for one in found:
+        assert one.boxes_velo.shape == (7, 7)
+        assert np.isfinite(one.boxes_velo).all()
+        assert (np.diff(one.scores) <= 0).all()
+        assert (one.scores >= 0).all()
+        assert (one.scores <= 1).all()
+
+
+def test_the_score_floor_holds(detector: Detector, frames: list[Frame]) -> None:
+    batch = encode(detector, frames, training=False)
+    detector.eval()
+    scores = detector.detect(batch, max_boxes=10_000, min_score=0.0)[0].scores
+    floor = float(np.median(scores))
+    assert len(detector.detect(batch, 10_000, floor)[0].scores) == int((scores >= floor).sum())
+
+
+def test_a_frame_without_points_and_one_without_cars_are_survived(detector: Detector, frames: list[Frame]) -> None:
+    batch = encode(detector, [without_points(frames[0]), without_cars(frames[1])])
+    terms = detector.loss(batch)
+    assert all(torch.isfinite(term) for term in terms.values())
+    found = detector.eval().detect(encode(detector, [without_points(frames[0])], training=False), 5, 0.0)
+    assert np.isfinite(found[0].boxes_velo).all()
+
+
+def test_frames_of_a_batch_do_not_mix(detector: Detector, frames: list[Frame]) -> None:
+    """In evaluation mode a frame gives the same boxes alone and in company."""
+    detector.eval()
+    together = detector.detect(encode(detector, frames, training=False), 20, 0.0)
+    alone = detector.detect(encode(detector, frames[:1], training=False), 20, 0.0)
+    np.testing.assert_allclose(together[0].scores, alone[0].scores, atol=1e-5)
+
+
+def test_same_randomness_same_sample(detector: Detector, frames: list[Frame]) -> None:
+    first, second, other = (encode(detector, frames, seed=seed) for seed in (1, 1, 2))
+    assert all(torch.equal(first[key], second[key]) for key in first)
+    assert set(first) == set(other)
+
+
+def test_its_work_is_known_without_computing(detector: Detector) -> None:
+    name = NAMES[[n.lower() for n in NAMES].index(type(detector).__name__.lower())]
+    for profile in ("quick", "paper"):
+        config = compose_config([f"detector={name}", f"profile={profile}"])
+        flops = layer_flops(lambda config=config: build_detector(config))
+        assert all(count > 0 for count in flops.values())

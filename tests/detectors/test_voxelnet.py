@@ -1,0 +1,145 @@
+"""VoxelNet's anchors, codes and features."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fl3d.config import compose_config
+from fl3d.data.kitti import KittiFolder
+from fl3d.detectors.anchors import Anchors, decode_boxes, encode_boxes
+from fl3d.detectors.voxelnet import FeatureNet, VoxelNet, max_per_voxel
+from fl3d.errors import ConfigError
+from fl3d.training.build import build_detector
+
+PLAIN = {
+    "range_velo": (0.0, -4.0, -3.0, 8.0, 4.0, 1.0),
+    "shape": (20, 20),
+    "size": (1.56, 1.6, 3.9),
+    "z": -1.78,
+    "grid": "centers",
+    "positive": 0.6,
+    "negative": 0.45,
+    "iou": "standup",
+    "iou_plus_one": False,
+}
+
+
+def test_anchors_stand_at_cell_centres_in_two_headings() -> None:
+    boxes = Anchors(**PLAIN).boxes_velo()
+    assert boxes.shape == (800, 7)
+    np.testing.assert_allclose(boxes[0], [0.2, -3.8, -1.78, 1.56, 1.6, 3.9, 0])
+    np.testing.assert_allclose(boxes[1, 6], np.pi / 2)
+    np.testing.assert_allclose(boxes[2, :2], [0.6, -3.8])
+
+
+def test_the_codes_grid_runs_from_border_to_border() -> None:
+    boxes = Anchors(**PLAIN | {"grid": "linspace"}).boxes_velo()
+    assert boxes[:, 0].min() == 0
+    assert boxes[:, 0].max() == 8
+
+
+def test_matching_by_hand() -> None:
+    """A car on an anchor: shifted by d along its length the overlap is (3.9 - d) / (3.9 + d)."""
+    matcher = Anchors(**PLAIN)
+    anchors = matcher.boxes_velo()
+    car = anchors[anchors[:, 6] == 0][210:211]
+    chosen, owner, negative = matcher.assign(anchors, car)
+    assert set(owner) == {0}
+    beside = np.abs(anchors[:, 1] - car[0, 1]) < 0.01
+    along = np.abs(anchors[:, 0] - car[0, 0])
+    overlap = (3.9 - along) / (3.9 + along)
+    straight = beside & (anchors[:, 6] == 0)
+    assert set(np.flatnonzero(straight & (overlap > 0.6))) == set(chosen)
+    assert negative[straight & (overlap < 0.45)].all()
+    between = straight & (overlap >= 0.45) & (overlap <= 0.6)
+    assert between.any()
+    assert not negative[between].any()
+
+
+def test_a_car_too_far_from_every_anchor_gets_its_best() -> None:
+    matcher = Anchors(**PLAIN)
+    anchors = matcher.boxes_velo()
+    car = np.array([[4.0, 0.0, -1.78, 1.5, 1.0, 2.0, 0.0]])  # overlap at most 2 / 6.24
+    chosen, _, negative = matcher.assign(anchors, car)
+    assert len(chosen) == 1
+    assert not negative[chosen].any()
+
+
+def test_a_frame_without_cars_is_all_negative() -> None:
+    matcher = Anchors(**PLAIN)
+    chosen, owner, negative = matcher.assign(matcher.boxes_velo(), np.zeros((0, 7)))
+    assert len(chosen) == len(owner) == 0
+    assert negative.all()
+
+
+def test_the_codes_extra_metre_widens_the_match() -> None:
+    plain, wide = Anchors(**PLAIN), Anchors(**PLAIN | {"iou_plus_one": True})
+    anchors = plain.boxes_velo()
+    car = anchors[400:401] + np.array([0.1, 0.1, 0, 0, 0, 0, 0])
+    assert len(wide.assign(anchors, car)[0]) > len(plain.assign(anchors, car)[0])
+
+
+def test_rotated_overlap_is_an_option_and_misspellings_are_named() -> None:
+    assert Anchors(**PLAIN | {"iou": "rotated"}).overlaps(np.zeros((1, 7)), np.zeros((1, 7))).shape == (1, 1)
+    with pytest.raises(ConfigError, match=r"detector\.anchors\.grid.*centers, linspace"):
+        Anchors(**PLAIN | {"grid": "center"})
+
+
+sizes = st.floats(0.5, 6)
+
+
+@given(st.floats(-40, 40), sizes, sizes, sizes, st.floats(-3, 3))
+def test_codes_lead_back_to_their_box(x: float, h: float, w: float, length: float, yaw: float) -> None:
+    box = np.array([[x, 1.0, -1.5, h, w, length, yaw]])
+    anchor = np.array([[x + 1, 0.0, -1.78, 1.56, 1.6, 3.9, 0.0]])
+    np.testing.assert_allclose(decode_boxes(encode_boxes(box, anchor), anchor), box, atol=1e-9)
+
+
+def test_codes_are_the_published_ones() -> None:
+    """Zhou and Tuzel, Eq. 1, over the diagonal sqrt(l^2 + w^2)."""
+    anchor = np.array([[10.0, 0.0, -1.78, 1.56, 1.6, 3.9, 0.0]])
+    box = np.array([[11.0, 2.0, -1.0, 1.56 * np.e, 1.6, 3.9, 0.2]])
+    diagonal = np.hypot(1.6, 3.9)
+    expected = [[1 / diagonal, 2 / diagonal, 0.78 / 1.56, 1, 0, 0, 0.2]]
+    np.testing.assert_allclose(encode_boxes(box, anchor), expected)
+
+
+def test_the_voxel_maximum_is_over_its_own_points() -> None:
+    rows = torch.tensor([[1.0, 5.0], [3.0, 2.0], [-1.0, -2.0]])
+    assert max_per_voxel(rows, torch.tensor([2, 1])).tolist() == [[3, 5], [-1, -2]]
+
+
+def test_the_order_of_points_in_a_voxel_does_not_matter() -> None:
+    torch.manual_seed(0)
+    network = FeatureNet((16, 16), 16).eval()
+    rows = torch.randn(5, 7)
+    lengths = torch.tensor([3, 2])
+    swapped = rows[[2, 0, 1, 4, 3]]
+    torch.testing.assert_close(network(rows, lengths, None), network(swapped, lengths, None))
+
+
+def test_padding_as_in_the_code_is_an_option(simulated: Path) -> None:
+    """mask_max=false: every voxel has T rows, and those beyond its points are zero."""
+    config = compose_config(["detector=voxelnet", "profile=quick", "detector.mask_max=false"])
+    detector = build_detector(config)
+    assert isinstance(detector, VoxelNet)
+    folder = KittiFolder(simulated)
+    frame = folder.frame(folder.split("train")[0])
+    sample = detector.encode(frame, np.random.default_rng(0), training=True)
+    assert (sample["lengths"] == 35).all()
+    assert len(sample["rows"]) == 35 * len(sample["cells"])
+    assert (sample["rows"][sample["mask"][:, 0] == 0] == 0).all()
+    assert torch.isfinite(torch.stack(list(detector.loss(detector.collate([sample])).values()))).all()
+
+
+def test_offsets_are_from_the_mean_of_the_voxels_points(simulated: Path) -> None:
+    detector = build_detector(compose_config(["detector=voxelnet", "profile=quick"]))
+    folder = KittiFolder(simulated)
+    sample = detector.encode(folder.frame(folder.split("train")[0]), np.random.default_rng(0), training=False)
+    first = sample["rows"][: sample["lengths"][0]]
+    np.testing.assert_allclose(first[:, 4:], first[:, :3] - first[:, :3].mean(axis=0), atol=1e-4)
+    assert sample["lengths"].max() <= 35
