@@ -1,0 +1,162 @@
+"""Forked equals from scratch, resumed equals uninterrupted: to the bit."""
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+import torch
+
+from fl3d.data.dataset import Frames
+from fl3d.data.kitti import KittiFolder
+from fl3d.errors import CheckpointError, TrainingError
+from fl3d.records import Stage, StagePaths
+from fl3d.sweep.launchers.inline import InlineLauncher
+from fl3d.training.build import build_detector, build_optimizer, build_schedule
+from fl3d.training.checkpoints import last_state, load_state, read_marker
+from fl3d.training.reproducibility import prepare
+from fl3d.training.run import run_stage
+from fl3d.training.trainer import Trainer
+from tests.support import small_sweep, train
+
+GAMMA_2 = ["detector=voxelnet", "loss.gamma=2"]
+
+
+def same_state(a: object, b: object) -> bool:
+    """Equal tensors and values, however nested; torch.save's bytes would differ in storage order."""
+    if isinstance(a, torch.Tensor):
+        return isinstance(b, torch.Tensor) and torch.equal(a, b)
+    if isinstance(a, dict):
+        return isinstance(b, dict) and a.keys() == b.keys() and all(same_state(a[k], b[k]) for k in a)
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(same_state(x, y) for x, y in zip(a, b, strict=True))  # type: ignore[arg-type]
+    return a == b
+
+
+def final_state(stages_root: Path, key: str) -> dict:
+    paths = StagePaths(stages_root / key)
+    return load_state(paths.weights(paths.steps()[-1]))
+
+
+@pytest.mark.parametrize("detector", ["fcn3d", "voxelnet"])
+def test_a_forked_trial_equals_one_trained_from_scratch_without_stopping(
+    simulated: Path, tmp_path: Path, detector: str
+) -> None:
+    """The scratch side never writes a checkpoint: one process, one network, the learning rate and loss swapped."""
+    points = [[f"detector={detector}", f"loss.gamma={g}"] for g in (0, 2)]
+    plan, stages_root = train(simulated, tmp_path, *points)
+    trial = plan.trials[1]
+    warmup, focal = (plan.stages[key] for key in trial.stages)
+    assert plan.trials[0].stages[0] == warmup.key
+    forked = final_state(stages_root, focal.key)
+
+    machine = json.loads(StagePaths(stages_root / focal.key).spec.read_text())["machine"]
+    prepare(0, "cpu")
+    frames = Frames(KittiFolder(simulated), machine["train_ids"], 10)
+    network = build_detector(warmup.config)
+    optimizer = build_optimizer(warmup.config, network)
+    first = Trainer(warmup, network, optimizer, build_schedule(warmup.config, machine), frames)
+    for _ in range(warmup.epochs):
+        first.train_epoch(lambda: None)
+    optimizer.param_groups[0]["lr"] = warmup.config["optimizer"]["lr"]
+    network.detection_loss = build_detector(focal.config).detection_loss
+    torch.set_rng_state(forked["random"]["cpu"])  # building a network above drew weights from the generator
+    second = Trainer(focal, network, optimizer, build_schedule(focal.config, machine), frames)
+    for _ in range(focal.epochs):
+        second.train_epoch(lambda: None)
+    assert same_state(second.state()["model"], forked["model"])
+    assert same_state(second.state()["optimizer"], forked["optimizer"])
+
+
+def test_alone_or_among_others_a_trial_trains_to_the_same_bits(simulated: Path, tmp_path: Path) -> None:
+    points = [["detector=voxelnet", f"loss.gamma={g}"] for g in (0, 2)]
+    among, root_a = train(simulated, tmp_path / "a", *points)
+    alone, root_b = train(simulated, tmp_path / "b", GAMMA_2)
+    assert alone.trials[0].key == among.trials[1].key
+    assert same_state(final_state(root_a, alone.trials[0].key), final_state(root_b, alone.trials[0].key))
+
+
+class Stopped(BaseException):
+    """Stands for a kill: nothing catches it."""
+
+
+@pytest.mark.parametrize("stop_at", [1, 2, 3])
+@pytest.mark.parametrize("save_every", ["null", "1"])
+def test_a_resumed_stage_equals_an_uninterrupted_one(
+    simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop_at: int, save_every: str
+) -> None:
+    """Stopped after any step, within an epoch or between, with and without resume points."""
+    _, whole_root = train(simulated, tmp_path / "whole", GAMMA_2)
+    point = [*GAMMA_2, f"schedule.save_every_steps={save_every}"]
+    sweep = small_sweep(simulated, tmp_path / "cut", [point])
+    original = Trainer._step
+    steps = iter(range(100))
+
+    def step(self: Trainer, batch: dict) -> None:
+        if next(steps) == stop_at:
+            raise Stopped
+        original(self, batch)
+
+    monkeypatch.setattr(Trainer, "_step", step)
+    with pytest.raises(Stopped):
+        sweep.run(InlineLauncher())
+    monkeypatch.setattr(Trainer, "_step", original)
+    sweep = small_sweep(simulated, tmp_path / "cut", [point])
+    sweep.run(InlineLauncher())
+    key = sweep.plan.trials[0].key
+    assert same_state(final_state(whole_root, key), final_state(sweep.stages_root, key))
+    for step_number in StagePaths(whole_root / key).steps():
+        losses = [read_marker(StagePaths(root / key), step_number).losses for root in (whole_root, sweep.stages_root)]
+        assert losses[0] == losses[1]
+
+
+def test_loader_workers_do_not_change_a_bit(simulated: Path, tmp_path: Path) -> None:
+    _, alone = train(simulated, tmp_path / "a", GAMMA_2)
+    plan, helped = train(simulated, tmp_path / "b", [*GAMMA_2, "workers=2"])
+    key = plan.trials[0].key
+    assert same_state(final_state(alone, key), final_state(helped, key))
+
+
+def test_a_torn_checkpoint_is_passed_over_for_the_one_before(simulated: Path, tmp_path: Path) -> None:
+    plan, root = train(simulated, tmp_path, GAMMA_2)
+    key = plan.trials[0].key
+    whole = final_state(root, key)
+    paths = StagePaths(root / key)
+    first, last = paths.steps()
+    weights = paths.weights(last)
+    weights.write_bytes(weights.read_bytes()[:-100])
+    found = last_state(paths)
+    assert found is not None
+    assert found[1].step == first
+    paths.done.unlink()
+    run_stage(paths.folder)
+    assert same_state(final_state(root, key), whole)
+
+
+def test_a_checkpoint_carries_no_code(simulated: Path, tmp_path: Path) -> None:
+    plan, root = train(simulated, tmp_path, GAMMA_2)
+    paths = StagePaths(root / plan.trials[0].key)
+    state = torch.load(io.BytesIO(paths.weights(paths.steps()[-1]).read_bytes()), weights_only=True)
+    assert {"model", "optimizer", "random", "step"} <= set(state)
+
+
+def test_a_file_that_is_no_checkpoint_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "x.pt"
+    path.write_bytes(b"not a checkpoint")
+    with pytest.raises(CheckpointError, match=r"x\.pt: cannot be read"):
+        load_state(path)
+
+
+def test_a_loss_that_is_not_finite_ends_the_stage_and_names_its_terms(simulated: Path, tmp_path: Path) -> None:
+    prepare(0, "cpu")
+    sweep = small_sweep(simulated, tmp_path, [GAMMA_2])
+    stage: Stage = sweep.plan.stages[sweep.plan.trials[0].stages[0]]
+    network = build_detector(stage.config)
+    torch.nn.init.constant_(network.rpn.prob.bias, float("nan"))
+    machine = sweep._machine()
+    frames = Frames(KittiFolder(simulated), machine["train_ids"], 10)
+    trainer = Trainer(
+        stage, network, build_optimizer(stage.config, network), build_schedule(stage.config, machine), frames
+    )
+    with pytest.raises(TrainingError, match=r"not finite at step 1: .*cls_pos"):
+        trainer.train_epoch(lambda: None)
