@@ -1,11 +1,13 @@
 # fl3d: `make help` lists what there is. Everything runs in .venv, which is made at first use.
 # Options: DATA=simulated|kitti_sample|kitti  KITTI=folder  PROFILE=quick|tiny|paper  ARGS="any Hydra overrides"
+# PIP_ARGS goes to pip, such as --find-links FOLDER for a torch wheel of your own (the usual one brings CUDA along).
 
 PYTHON ?= python3
 PROFILE ?= quick
 DATA ?= simulated
 KITTI ?=
 ARGS ?=
+PIP_ARGS ?=
 BIN := .venv/bin
 OVERRIDES = data=$(DATA) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(ARGS)
 
@@ -23,7 +25,7 @@ install: .venv/installed  ## make .venv with the pinned packages
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fl3d needs Python 3.11 or newer")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) --editable '.[dev]'
 	touch $@
 
 sweep-%: .venv/installed  ## train, score and tabulate sweeps/NAME.yaml; again: goes on, or says that all is done

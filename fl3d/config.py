@@ -11,6 +11,7 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 from hydra.utils import get_class, instantiate
 from omegaconf import DictConfig, OmegaConf
@@ -63,17 +64,18 @@ def build(section: Config, name: str, **arguments: Any) -> Any:
     Raises:
         ConfigError: the target does not exist or does not take these arguments.
     """
+    target = section["_target_"]
+    own = {key: value for key, value in section.items() if not key.startswith("_")}
+    try:
+        inspect.signature(locate(target, name)).bind(**own, **arguments)
+    except TypeError as error:
+        raise ConfigError(f"{name}: {target}: {error}") from None
     try:
         # Partial, for Hydra would turn arguments that are dataclasses into configs.
-        make = instantiate({**section, "_partial_": True}, _convert_="all")
+        return instantiate({**section, "_partial_": True}, _convert_="all")(**arguments)
     except HydraException as error:
         cause = error.__cause__
         raise (cause if isinstance(cause, ConfigError) else ConfigError(f"{name}: {error}")) from None
-    try:
-        inspect.signature(make).bind(**arguments)
-    except TypeError as error:
-        raise ConfigError(f"{name}: {section['_target_']}: {error}") from None
-    return make(**arguments)
 
 
 def locate(target: str, name: str) -> Any:
@@ -94,10 +96,7 @@ def check_overrides(overrides: Sequence[str]) -> None:
     Raises:
         ConfigError: the first override that does not fit.
     """
-    try:
-        parsed = OverridesParser.create().parse_overrides(list(overrides))
-    except HydraException as error:
-        raise ConfigError(f"{error}") from None
+    parsed = [_parse(line) for line in overrides]
     groups = {p.parent.relative_to(CONF).as_posix() for p in CONF.rglob("*.yaml")} - {"."}
     chosen: list[str] = []
     keys: list[tuple[str, str]] = []
@@ -118,6 +117,13 @@ def check_overrides(overrides: Sequence[str]) -> None:
             base = _compose(chosen)
             for line, key in keys:
                 _check_key(base, key, line, groups)
+
+
+def _parse(line: str) -> Override:
+    try:
+        return OverridesParser.create().parse_override(line)
+    except HydraException as error:
+        raise ConfigError(f"'{line}' is not KEY=VALUE in Hydra's grammar: {str(error).splitlines()[0]}") from None
 
 
 def _choices(value: Any) -> list[str]:

@@ -115,7 +115,7 @@ class Sweep:
 
     def _train(self, launcher: Launcher) -> Outcome:
         recorder = self._recorder()
-        scheduler = Scheduler(self.plan, self._machine(), launcher, self.stages_root)
+        scheduler = self.scheduler(launcher)
         todo = [key for key in self.plan.stages if not scheduler.paths(key).done.exists()]
         self.say(
             f"{self.names.experiment}: {len(self.plan.trials)} trials in {len(self.plan.stages)} stages, "
@@ -134,6 +134,10 @@ class Sweep:
         recorder.fail({*outcome.failed, *outcome.blocked})
         return outcome
 
+    def scheduler(self, launcher: Launcher) -> Scheduler:
+        """What trains the plan's stages; it knows nothing of the store."""
+        return Scheduler(self.plan, self.machine(), launcher, self.stages_root)
+
     def _freeze(self) -> None:
         """Keep the plan, so that tables can be made of these trials later, whatever configs say then."""
         content: Config = {
@@ -142,7 +146,8 @@ class Sweep:
         content |= {"protocol": self.protocol.id}
         write_text(self.root / "plans" / f"{self.names.experiment}.json", json.dumps(content, indent=1) + "\n")
 
-    def _machine(self) -> Config:
+    def machine(self) -> Config:
+        """Settings of this machine, see ``training.run.write_spec``."""
         config = self.config
         return {
             "data_root": str(self.data.root),

@@ -218,4 +218,4 @@ class Store:
         if runs.empty or metrics.empty:
             return pd.DataFrame()
         wide = metrics.pivot_table(index=["run_uuid", "step"], columns="key", values="value", aggfunc="last")
-        return wide.reset_index().merge(parts[0], on="run_uuid").merge(parts[1], on="run_uuid")
+        return wide.reset_index().merge(parts[0], "left", "run_uuid").merge(parts[1], "left", "run_uuid")

@@ -33,9 +33,9 @@ def small_sweep(simulated: Path, root: Path, points: Sequence[Sequence[str]], *c
 
 
 def train(simulated: Path, root: Path, *points: Sequence[str]) -> tuple[Plan, Path]:
-    """Run a small sweep in this process: its plan and the folder of its stages."""
+    """Train the stages of a small sweep in this process, without a store: its plan and the folder of its stages."""
     sweep = small_sweep(simulated, root, points)
-    sweep.run(InlineLauncher())
+    sweep.scheduler(InlineLauncher()).run().check()
     return sweep.plan, sweep.stages_root
 
 

@@ -128,7 +128,7 @@ def _front_cells(row: pd.Series, detector: str) -> list[Cell]:
     return [
         Cell(detector),
         lr,
-        Cell(f"{step // 1000}k" if step >= 10_000 else str(step), raw=str(step)),
+        Cell(f"{step / 1000:.0f}k" if step >= 10_000 else str(step), raw=str(step)),
         Cell(f"{row['gamma']:g}"),
     ]
 

@@ -16,11 +16,11 @@ def make(*overrides: str) -> FCN3D:
     return detector
 
 
-CAR = np.array([[10.1, 3.2, -1.7, 1.5, 1.6, 4.0, 0.3]])
+CAR = np.array([[10.1, 3.3, -1.7, 1.5, 1.6, 4.0, 0.3]])
 
 
 def test_the_cell_of_a_car_holds_its_centre() -> None:
-    """Cells are 1.6 m: x 10.1 -> 6, y 3.2 + 19.2 -> 14, z -1.7 + 0.75 + 3 -> 1."""
+    """Cells are 1.6 m: x 10.1 -> 6, y 3.3 + 19.2 -> 14, z -1.7 + 0.75 + 3 -> 1."""
     cells, corners = make().assign(CAR)
     assert cells.tolist() == [[1, 14, 6]]
     assert corners.shape == (1, 24)

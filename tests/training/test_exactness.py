@@ -99,10 +99,10 @@ def test_a_resumed_stage_equals_an_uninterrupted_one(
 
     monkeypatch.setattr(Trainer, "_step", step)
     with pytest.raises(Stopped):
-        sweep.run(InlineLauncher())
+        sweep.scheduler(InlineLauncher()).run()
     monkeypatch.setattr(Trainer, "_step", original)
     sweep = small_sweep(simulated, tmp_path / "cut", [point])
-    sweep.run(InlineLauncher())
+    sweep.scheduler(InlineLauncher()).run().check()
     key = sweep.plan.trials[0].key
     assert same_state(final_state(whole_root, key), final_state(sweep.stages_root, key))
     for step_number in StagePaths(whole_root / key).steps():
@@ -153,7 +153,7 @@ def test_a_loss_that_is_not_finite_ends_the_stage_and_names_its_terms(simulated:
     stage: Stage = sweep.plan.stages[sweep.plan.trials[0].stages[0]]
     network = build_detector(stage.config)
     torch.nn.init.constant_(network.rpn.prob.bias, float("nan"))
-    machine = sweep._machine()
+    machine = sweep.machine()
     frames = Frames(KittiFolder(simulated), machine["train_ids"], 10)
     trainer = Trainer(
         stage, network, build_optimizer(stage.config, network), build_schedule(stage.config, machine), frames

@@ -94,4 +94,3 @@ def _write_frame(folder: Path, index: int, seed: int) -> None:
     returns.points_velo.tofile(folder / "training" / "velodyne" / f"{name}.bin")
     write_labels(folder / "training" / "label_2" / f"{name}.txt", labels)
     write_calibration(folder / "training" / "calib" / f"{name}.txt", CALIBRATION)
-

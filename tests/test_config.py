@@ -1,0 +1,115 @@
+"""Configs: every file composes and builds; misspelt keys are answered with the valid ones; the command line."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from fl3d.config import CONF, build, compose_config
+from fl3d.errors import ConfigError
+from fl3d.evaluation.protocol import Protocol
+from fl3d.training.build import build_detector, build_optimizer
+
+ROOT = CONF.parent
+FILES = sorted(path for path in CONF.rglob("*.yaml") if path.parent != CONF and "hydra" not in path.parts)
+
+
+def run(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "fl3d", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, check=False, timeout=120)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(CONF)))
+def test_every_file_composes_and_builds(path: Path) -> None:
+    group, *rest = path.relative_to(CONF).with_suffix("").parts
+    if group == "size":
+        overrides = [f"detector={rest[0]}", f"profile={rest[1]}"]
+    else:
+        overrides = [f"{'+' if group == 'sweep' else ''}{group}={'/'.join(rest)}"]
+    config = compose_config(overrides)
+    with torch.device("meta"):
+        detector = build_detector(config)
+    assert build_optimizer(config, detector).param_groups[0]["lr"] > 0
+    assert Protocol(**config["protocol"]).id
+
+
+def test_every_sweep_says_what_it_asks_and_which_command_runs_it() -> None:
+    for path in (ROOT / "sweeps").glob("*.yaml"):
+        text, config = path.read_text(), compose_config([f"+sweep={path.stem}"])
+        assert config["sweep"]["name"] == path.stem
+        assert config["sweep"]["question"]
+        assert f"make sweep-{path.stem}" in text
+        assert "Cost:" in text
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("loss.gama=2", r"no key 'gama' in 'loss'. Did you mean 'gamma'\? Possible: .*alpha.*beta"),
+        ("detector=voxlnet", r"no such file in conf/detector. Did you mean 'voxelnet'\?"),
+        ("los.gamma=2", r"no key or group 'los'. Did you mean 'loss'\?"),
+        ("profile=slow", "Possible: paper, quick, tiny"),
+        ("schedule.stages.focall.epochs=3", r"no key 'focall' in 'schedule.stages'. Did you mean 'focal'\?"),
+        ("loss.gamma=[", "'loss.gamma=\\[' is not KEY=VALUE"),
+    ],
+)
+def test_misspellings_are_answered_with_what_there_is(override: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        compose_config([override])
+
+
+def test_a_key_that_a_class_does_not_take_is_refused() -> None:
+    config = compose_config(["+loss.gama=2"])
+    with pytest.raises(ConfigError, match=r"loss: .*gama"):
+        build_detector(config)
+
+
+def test_a_target_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(ConfigError, match="nowhere"):
+        build({"_target_": "fl3d.nowhere.Nothing"}, "detector")
+
+
+def test_overrides_overrule_what_a_profile_sets_for_a_detector() -> None:
+    config = compose_config(["detector=fcn3d", "profile=quick", "detector.channels=[4,4,4,4]", "optimizer.lr=0.5"])
+    assert config["detector"]["channels"] == [4, 4, 4, 4]
+    assert config["optimizer"]["lr"] == 0.5
+
+
+def test_the_original_loss_is_the_left_side_of_the_equations() -> None:
+    """Table V: no normalisation, no weights but eta = 0.1; the detector's alpha, beta and eta give way."""
+    loss = compose_config(["detector=fcn3d", "loss=original"])["loss"]
+    assert (loss["normalize"], loss["alpha"], loss["beta"], loss["eta"]) == (False, 1.0, 1.0, 0.1)
+    assert loss["regression"] == "square"
+
+
+def test_the_command_line_shows_a_job_and_trains_nothing(tmp_path: Path) -> None:
+    done = run("detector=fcn3d", "loss.gamma=2", "--cfg", "job")
+    assert done.returncode == 0
+    assert "gamma: 2" in done.stdout
+
+
+def test_help_teaches() -> None:
+    done = run("--help")
+    assert done.returncode == 0
+    assert "python -m fl3d -m +sweep=gamma" in done.stdout
+    for command in ("tables", "simulate", "ui", "stage"):
+        one = run(command, "--help")
+        assert one.returncode == 0
+        assert command in one.stdout
+
+
+@pytest.mark.parametrize("mode", [[], ["-m"]])
+def test_errors_are_one_line_without_a_traceback(mode: list[str]) -> None:
+    done = run(*mode, "loss.gama=2")
+    assert done.returncode == 1
+    assert "Did you mean 'gamma'?" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_kitti_without_a_folder_says_how_to_name_it() -> None:
+    done = run("data=kitti")
+    assert done.returncode == 1
+    assert "data.root=FOLDER" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,138 @@
+"""One tiny sweep from nothing to its tables, as a user runs it: interrupted, continued, run again.
+
+The golden tables are of this machine's arithmetic; other processors may round otherwise, so cells are compared within
+GOLDEN_TOLERANCE. When a change moves them, write here what and why, and regenerate with
+`python tests/test_end_to_end.py`.
+
+History of the golden tables:
+  1. first version.
+"""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+GOLDEN = ROOT / "tests" / "golden"
+GOLDEN_TOLERANCE = 3.0  # AP; a single R11 step is 9
+GAMMAS = "loss.gamma=0,2"
+
+
+def command(work: Path, *extra: str) -> list[str]:
+    places = [f"store.root={work}/runs", f"results={work}/results", f"data.root={work}/data"]
+    return [sys.executable, "-m", "fl3d", "-m", "+sweep=gamma", "profile=tiny", GAMMAS, *places, *extra]
+
+
+def run(arguments: list[str]) -> str:
+    done = subprocess.run(arguments, capture_output=True, text=True, cwd=ROOT, check=False, timeout=600)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def tables(work: Path) -> dict[str, bytes]:
+    folder = work / "results" / "simulated-tiny"
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A sweep that was never disturbed."""
+    work = tmp_path_factory.mktemp("whole")
+    return work, run(command(work))
+
+
+def test_it_says_what_it_does_and_prints_the_tables(finished: tuple[Path, str]) -> None:
+    _, said = finished
+    assert "4 trials in 6 stages" in said
+    for title in ("**Table II.**", "**Table III.**", "**Table IV.**"):
+        assert title in said
+    assert "make ui" in said
+
+
+def test_the_tables_are_the_golden_ones(finished: tuple[Path, str]) -> None:
+    for name in ("II", "III", "IV"):
+        found = pd.read_csv(finished[0] / "results" / "simulated-tiny" / "tables" / f"table_{name}.csv")
+        golden = pd.read_csv(GOLDEN / f"table_{name}.csv")
+        assert list(found.columns) == list(golden.columns)
+        pd.testing.assert_frame_equal(found, golden, rtol=0, atol=GOLDEN_TOLERANCE)
+        assert golden.filter(like="3d_").to_numpy().max() > 1  # a table of zeros would prove nothing
+
+
+def test_the_store_holds_the_whole_curve_of_every_trial(finished: tuple[Path, str]) -> None:
+    connection = sqlite3.connect(finished[0] / "runs" / "mlflow.db")
+    query = """SELECT r.run_uuid, COUNT(*), COUNT(DISTINCT m.step) FROM metrics m JOIN runs r USING (run_uuid)
+               WHERE m.key = 'ap_3d/moderate' AND r.status = 'FINISHED' GROUP BY r.run_uuid"""
+    rows = connection.execute(query).fetchall()
+    models = connection.execute("SELECT name, COUNT(*) FROM logged_models GROUP BY name").fetchall()
+    connection.close()
+    assert len(rows) == 4
+    assert {row[1:] for row in rows} == {(6, 6)}  # five checkpoints of the warm-up and one of its own
+    assert sorted(models) == [("best", 4), ("last", 4)]
+
+
+def test_run_again_it_trains_nothing_and_writes_the_same(finished: tuple[Path, str]) -> None:
+    work, _ = finished
+    before = tables(work)
+    said = run(command(work))
+    assert "everything is done" in said
+    assert tables(work) == before
+
+
+def test_tables_are_made_again_without_data_or_checkpoints(finished: tuple[Path, str], tmp_path: Path) -> None:
+    work, _ = finished
+    overrides = ["+sweep=gamma", "profile=tiny", f"store.root={work}/runs", f"results={tmp_path}", "data.root=nowhere"]
+    run([sys.executable, "-m", "fl3d", "tables", *overrides])
+    again = {
+        str(p.relative_to(tmp_path / "simulated-tiny")): p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()
+    }
+    assert again == tables(work)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_interrupted_it_goes_on_to_the_same_tables(
+    finished: tuple[Path, str], tmp_path: Path, how: signal.Signals
+) -> None:
+    """Ctrl-C and kill -9 of the parent in the middle of training; workers end by themselves."""
+    work, _ = finished
+    (tmp_path / "data").symlink_to(work / "data")
+    process = subprocess.Popen(
+        command(tmp_path), cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    stages = tmp_path / "runs" / "stages"
+    deadline = time.monotonic() + 300
+    while not list(stages.glob("*/done.json")):
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.1)
+    os.kill(process.pid, how)
+    process.wait(timeout=60)
+    said = run(command(tmp_path))
+    assert "stages to train" in said
+    assert tables(tmp_path) == tables(work)
+
+
+def test_a_single_trial_is_trained_by_plain_overrides(finished: tuple[Path, str]) -> None:
+    """`python -m fl3d detector=voxelnet loss.gamma=2`: here both stages are reused from the sweep."""
+    work, _ = finished
+    places = command(work)[7:]
+    said = run([sys.executable, "-m", "fl3d", "detector=voxelnet", "loss.gamma=2", "profile=tiny", *places])
+    assert "everything is done" in said
+    assert "| last |" in said
+
+
+if __name__ == "__main__":
+    import shutil
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        run(command(Path(folder)))
+        GOLDEN.mkdir(exist_ok=True)
+        for name in ("II", "III", "IV"):
+            shutil.copy(Path(folder) / "results" / "simulated-tiny" / "tables" / f"table_{name}.csv", GOLDEN)
