@@ -6,6 +6,7 @@ PYTHON ?= python3
 PROFILE ?= quick
 DATA ?= simulated
 KITTI ?=
+SWEEP ?= gamma
 ARGS ?=
 PIP_ARGS ?=
 BIN := .venv/bin
@@ -33,7 +34,7 @@ sweep-%: .venv/installed  ## train, score and tabulate sweeps/NAME.yaml; again: 
 	$(BIN)/python -m fl3d -m +sweep=$* $(OVERRIDES)
 
 tables: .venv/installed  ## make the tables and figures again from what is stored
-	$(BIN)/python -m fl3d tables +sweep=gamma $(OVERRIDES)
+	$(BIN)/python -m fl3d tables +sweep=$(SWEEP) $(OVERRIDES)
 
 ui: .venv/installed  ## browse every checkpoint in MLflow, on this machine alone
 	$(BIN)/python -m fl3d ui

@@ -108,8 +108,7 @@ class Sweep:
         with locked(self.root / "lock", wait=False):
             self._freeze()
             outcome = self._train(launcher)
-        if not outcome.failed:
-            self.report()
+        self.report()
         outcome.check()
         return outcome
 
@@ -182,8 +181,13 @@ class Sweep:
         )
 
     def report(self) -> None:
-        """Write and print the tables, or, for trials that feed none, their scores."""
-        scores = stored_scores(self.store, self.names.experiment, {t.key for t in self.plan.trials}, self.protocol.id)
+        """Write and print the tables of the trials that are done, or, for trials that feed none, their scores."""
+        done = {t.key for t in self.plan.trials if StagePaths(self.stages_root / t.key).done.exists()}
+        if not done:
+            return
+        if len(done) < len(self.plan.trials):
+            self.say(f"\nOnly {len(done)} of {len(self.plan.trials)} trials are done; the others are left out below.")
+        scores = stored_scores(self.store, self.names.experiment, done, self.protocol.id)
         if self.config["sweep"]["tables"]:
             write_report(self.config, scores, self.say)
         else:
@@ -235,7 +239,8 @@ def report_from_store(config: Config, say: Callable[[str], None] = print) -> Non
     if frozen.exists():
         plan = json.loads(frozen.read_text())
         store = Store(root, config["store"]["uri"])
-        scores = stored_scores(store, called.experiment, {t["key"] for t in plan["trials"]}, plan["protocol"])
+        done = {t["key"] for t in plan["trials"] if StagePaths(root / "stages" / t["key"]).done.exists()}
+        scores = stored_scores(store, called.experiment, done, plan["protocol"])
     if scores.empty:
         path = results_folder(config) / "scores.csv"
         scores = read_scores(path)

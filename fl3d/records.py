@@ -20,8 +20,9 @@ class Stage:
         config: what is trained, resolved; only keys that can change a result.
         parent: key of the stage it goes on from, or None.
         start_epoch: epochs trained before it by its ancestors.
+        start_step: optimiser steps trained before it by its ancestors.
         epochs: of its own.
-        epoch_steps: optimiser steps in one epoch.
+        epoch_steps: steps in one of its epochs.
     """
 
     key: str
@@ -29,18 +30,19 @@ class Stage:
     config: Config
     parent: str | None
     start_epoch: int
+    start_step: int
     epochs: int
     epoch_steps: int
-
-    @property
-    def start_step(self) -> int:
-        """Steps trained before it."""
-        return self.start_epoch * self.epoch_steps
 
     @property
     def steps(self) -> int:
         """Steps of its own."""
         return self.epochs * self.epoch_steps
+
+    @property
+    def end_step(self) -> int:
+        """Step of its last checkpoint."""
+        return self.start_step + self.steps
 
 
 @dataclass(frozen=True)

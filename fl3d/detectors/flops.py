@@ -25,7 +25,7 @@ def layer_flops(make: Callable[[], Detector]) -> dict[str, int]:
     with torch.device("meta"):
         detector = make()
     batch = {key: value if key == "size" else value.to("meta") for key, value in detector.example().items()}
-    with FlopCounterMode(display=False, depth=None) as counter, torch.no_grad():
+    with FlopCounterMode(display=False, depth=100) as counter, torch.no_grad():
         detector(batch)
     counts = counter.get_flop_counts()
     root = type(detector).__name__

@@ -85,21 +85,24 @@ def trial_stages(
 ) -> list[Stage]:
     """The stages of one trial, first to last."""
     target = config["detector"]["_target_"]
-    schedule = config["schedule"]
-    epoch_frames = schedule["frames_per_epoch"] or data.n_train
-    epoch_steps = math.ceil(epoch_frames / schedule["batch_size"])
     chain: list[Stage] = []
-    for name, own in schedule["stages"].items():
+    for name, own in config["schedule"]["stages"].items():
         if name not in known_stages[target]:
             raise ConfigError(f"schedule.stages: {target} has no stage '{name}'. {options(name, known_stages[target])}")
         stage_config = configure_stage(config, name)
         parent = chain[-1] if chain else None
         key = stage_key(stage_config, name, parent, data, versions)
-        start = parent.start_epoch + parent.epochs if parent else 0
-        chain.append(Stage(key, name, stage_config, parent.key if parent else None, start, own["epochs"], epoch_steps))
+        epoch, step = (parent.start_epoch + parent.epochs, parent.end_step) if parent else (0, 0)
+        above = parent.key if parent else None
+        epoch_steps = _epoch_steps(stage_config["schedule"], data.n_train)
+        chain.append(Stage(key, name, stage_config, above, epoch, step, own["epochs"], epoch_steps))
     if not chain:
         raise ConfigError("schedule.stages: a trial needs at least one stage")
     return chain
+
+
+def _epoch_steps(schedule: Mapping[str, Any], n_train: int) -> int:
+    return math.ceil((schedule["frames_per_epoch"] or n_train) / schedule["batch_size"])
 
 
 def configure_stage(config: Config, name: str) -> Config:

@@ -86,12 +86,11 @@ class _Run:
 
     def run(self) -> None:
         self._restore()
-        end = self.stage.start_step + self.stage.steps
-        while self.trainer.step < end:
+        while self.trainer.step < self.stage.end_step:
             with self.timer.measure("training"):
                 self.trainer.train_epoch(self._after_step)
             own_epochs = self.trainer.epoch - self.stage.start_epoch
-            if own_epochs % self.schedule.checkpoint_every == 0 or self.trainer.step == end:
+            if own_epochs % self.schedule.checkpoint_every == 0 or self.trainer.step == self.stage.end_step:
                 self._checkpoint()
         self._show(force=True)
         write_text(self.paths.done, json.dumps({"step": self.trainer.step}) + "\n")
@@ -124,7 +123,7 @@ class _Run:
     def _after_step(self) -> None:
         self._show()
         every = self.schedule.save_every_steps
-        if every and self.trainer.step % every == 0 and self.trainer.step % self.stage.epoch_steps:
+        if every and self.trainer.step % every == 0:
             save_state(self.paths.resume, self.trainer.state())
 
     def _checkpoint(self) -> None:

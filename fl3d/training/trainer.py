@@ -49,10 +49,6 @@ class Schedule:
         """Frames in one epoch."""
         return self.frames_per_epoch or n_frames
 
-    def epoch_steps(self, n_frames: int) -> int:
-        """Steps in one epoch; the last batch may be smaller."""
-        return math.ceil(self.epoch_frames(n_frames) / self.batch_size)
-
 
 class _Epoch(Dataset[Sample]):
     """The samples of one epoch, in its order."""
@@ -149,7 +145,11 @@ class Trainer:
     @property
     def epoch(self) -> int:
         """Epochs completed, over all stages."""
-        return self.step // self.stage.epoch_steps
+        return self.stage.start_epoch + self._place()[0]
+
+    def _place(self) -> tuple[int, int]:
+        """Own epochs completed, and steps into the next."""
+        return divmod(self.step - self.stage.start_step, self.stage.epoch_steps)
 
     def train_epoch(self, after_step: Callable[[], None]) -> None:
         """Train to the end of the current epoch, from wherever in it the state stands."""
@@ -159,7 +159,7 @@ class Trainer:
             after_step()
 
     def _batches(self) -> Iterator[Batch]:
-        epoch, done = divmod(self.step, self.stage.epoch_steps)
+        epoch, done = self.epoch, self._place()[1]
         n_frames, size = self.schedule.epoch_frames(len(self.frames)), self.schedule.batch_size
         order = epoch_order(len(self.frames), math.ceil(n_frames / len(self.frames)), self.seed, epoch)[:n_frames]
         batches = [list(range(i, min(i + size, n_frames))) for i in range(done * size, n_frames, size)]

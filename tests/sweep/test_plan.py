@@ -43,7 +43,7 @@ def test_gamma_zero_gets_its_second_stage_like_the_others() -> None:
 def test_steps_of_the_paper() -> None:
     """Phase 1 ends at 30 x 3712 = 111,360; the last model is at 222,720."""
     focal = plan_of(config()).stages[plan_of(config()).trials[0].key]
-    assert (focal.start_step, focal.start_step + focal.steps) == (111_360, 222_720)
+    assert (focal.start_step, focal.end_step) == (111_360, 222_720)
 
 
 def test_the_same_trial_twice_is_one() -> None:
@@ -86,6 +86,15 @@ def test_data_and_versions_change_the_key() -> None:
     assert plan_of(config(), versions=VERSIONS | {"trainer": 2}).trials[0].key != base
     assert plan_of(config(), versions=VERSIONS | {VOXELNET: 2}).trials[0].key != base
     assert plan_of(config(), versions=VERSIONS | {FCN: 2}).trials[0].key == base
+
+
+def test_a_stage_may_have_its_own_batch_size() -> None:
+    """Steps of the ancestors are counted in the ancestors' batches."""
+    changed = copy.deepcopy(config())
+    changed["schedule"]["stages"]["focal"]["set"] = {"schedule": {"batch_size": 4}}
+    stages = list(plan_of(changed).stages.values())
+    assert [s.epoch_steps for s in stages] == [3712, 928]
+    assert (stages[1].start_step, stages[1].end_step) == (30 * 3712, 30 * 3712 + 30 * 928)
 
 
 def test_a_longer_second_stage_keeps_the_first() -> None:

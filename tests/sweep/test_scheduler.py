@@ -22,7 +22,7 @@ POINTS = [["detector=voxelnet", f"loss.gamma={g}"] for g in (0, 2)]
 
 
 def stage(key: str, parent: str | None, epochs: int = 1) -> Stage:
-    return Stage(key, key, {"loss": {}}, parent, 0, epochs, 1)
+    return Stage(key, key, {"loss": {}}, parent, 0, 0, epochs, 1)
 
 
 def tree(*stages: Stage) -> Plan:
