@@ -107,13 +107,13 @@ class Sweep:
         """
         with locked(self.root / "lock", wait=False):
             self._freeze()
-            outcome = self._train(launcher)
-        self.report()
+            recorder = self._recorder()
+            outcome = self._train(launcher, recorder)
+            recorder.attach(self.report(), "results")
         outcome.check()
         return outcome
 
-    def _train(self, launcher: Launcher) -> Outcome:
-        recorder = self._recorder()
+    def _train(self, launcher: Launcher, recorder: Recorder) -> Outcome:
         scheduler = self.scheduler(launcher)
         todo = [key for key in self.plan.stages if not scheduler.paths(key).done.exists()]
         self.say(
@@ -180,19 +180,25 @@ class Sweep:
             _picture(self.stages_root, folder, validation, self.protocol),
         )
 
-    def report(self) -> None:
-        """Write and print the tables of the trials that are done, or, for trials that feed none, their scores."""
+    def report(self) -> list[Path]:
+        """Write and print the tables of the trials that are done, or, for trials that feed none, their scores.
+
+        Returns:
+            every file written.
+        """
         done = {t.key for t in self.plan.trials if StagePaths(self.stages_root / t.key).done.exists()}
+        written: list[Path] = []
         if not done:
-            return
+            return written
         if len(done) < len(self.plan.trials):
             self.say(f"\nOnly {len(done)} of {len(self.plan.trials)} trials are done; the others are left out below.")
         scores = stored_scores(self.store, self.names.experiment, done, self.protocol.id)
         if self.config["sweep"]["tables"]:
-            write_report(self.config, scores, self.say)
+            written = write_report(self.config, scores, self.say)
         else:
             self.say(summary(scores, {t.key: " ".join(t.overrides) for t in self.plan.trials}))
         self.say("\nTo browse every checkpoint: make ui")
+        return written
 
 
 def _folder(config: Config, data: PreparedData) -> KittiFolder:
@@ -253,13 +259,14 @@ def results_folder(config: Config) -> Path:
     return Path(config["results"]) / names(config).results
 
 
-def write_report(config: Config, scores: pd.DataFrame, say: Callable[[str], None]) -> None:
-    """Write a results folder and print its tables."""
+def write_report(config: Config, scores: pd.DataFrame, say: Callable[[str], None]) -> list[Path]:
+    """Write a results folder and print its tables; returns every file written."""
     folder = results_folder(config)
     tables, written = write_results(scores, folder, config["selection"]["stages"], _notes(config))
     for table in tables:
         say("\n" + to_markdown(table))
     say(f"Written to {folder}: " + ", ".join(str(path.relative_to(folder)) for path in written))
+    return written
 
 
 def _notes(config: Config) -> tuple[str, ...]:

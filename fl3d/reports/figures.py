@@ -108,7 +108,7 @@ def _panels(
 def birds_eye(
     frame: Frame, detections: Labels, beyond: tuple[float, float, float, float] | None, title: str, path: Path
 ) -> list[Path]:
-    """One frame from above: points, cars (purple) and estimates (blue, with scores).
+    """One frame from above: points, cars (purple) and estimates (blue, with scores; the surer the stronger).
 
     Args:
         frame: cloud and labels.
@@ -123,17 +123,19 @@ def birds_eye(
         axes.scatter(points[:, 0], points[:, 1], s=0.15, c="0.55", linewidths=0, rasterized=True)
         cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[frame.labels.types == "Car"])
         found = frame.calibration.boxes_to_velo(detections.boxes_cam)
-        _outlines(axes, cars, PURPLE, "ground truth")
-        _outlines(axes, found, BLUE, "estimate")
         scores = detections.scores if detections.scores is not None else np.zeros(0)
-        for box, score in zip(found, scores, strict=True):
-            axes.annotate(f"{score:.2f}", box[:2], fontsize=4, color=BLUE, ha="center", va="center")
+        strength = np.clip(scores, 0.15, 1)
+        _outlines(axes, cars, PURPLE, "ground truth", np.ones(len(cars)))
+        _outlines(axes, found, BLUE, "estimate", strength)
+        for box, score, alpha in zip(found, scores, strength, strict=True):
+            axes.annotate(f"{score:.2f}", box[:2], fontsize=4, color=BLUE, ha="center", va="center", alpha=alpha)
         x0, y0, x1, y1 = beyond or (0, -40, 70.4, 40)
         axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal", xlabel="x (m)", ylabel="y (m)", title=title)
         axes.legend(loc="upper left", fontsize=6)
         return save(figure, path)
 
 
-def _outlines(axes: Axes, boxes_velo: Array, color: str, label: str) -> None:
-    for i, corners in enumerate(corners_velo(boxes_velo)):
-        axes.plot(*corners[list(FOOTPRINT), :2].T, color=color, lw=1, label=label if i == 0 else None)
+def _outlines(axes: Axes, boxes_velo: Array, color: str, label: str, strength: Array) -> None:
+    axes.plot([], [], color=color, lw=1, label=label)
+    for corners, alpha in zip(corners_velo(boxes_velo), strength, strict=True):
+        axes.plot(*corners[list(FOOTPRINT), :2].T, color=color, lw=1, alpha=float(alpha))

@@ -171,6 +171,7 @@ def to_latex(table: Table) -> str:
     lines = [
         r"\begin{table}[t]",
         r"\centering",
+        r"\setlength{\tabcolsep}{4pt}",
         rf"\caption{{{_latex(table.caption)}. AP in \%; bold: better than $\gamma = 0$.}}",
         rf"\begin{{tabular}}{{{'l' * n}rrrrrr}}",
         r"\toprule",

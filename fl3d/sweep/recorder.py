@@ -134,6 +134,11 @@ class Recorder:
             aps = {k: v for k, v in scored.values.items() if k.startswith(("ap_", "mean_"))}
             self.store.log(run, Scored(step, scored.time_ms, aps), model, self.dataset)
 
+    def attach(self, files: list[Path], folder: str) -> None:
+        """Put the sweep's tables and figures beside every trial."""
+        for run in self.runs.values():
+            self.store.log_files(run, files, folder)
+
     def fail(self, failed: set[str]) -> None:
         """Close the runs of trials that hold any of these stages as failed."""
         for trial in self.plan.trials:
