@@ -85,12 +85,13 @@ def read_labels(path: Path, scored: bool = False) -> Labels:
         if len(fields) < wanted:
             raise DataError(f"{wanted} fields expected, found {len(fields)}", path, number)
         types.append(fields[0])
-        rows.append([_number(f, FIELDS[i], path, number) for i, f in enumerate(fields[1:wanted], start=1)])
+        rows.append([finite(f, FIELDS[i], path, number) for i, f in enumerate(fields[1:wanted], start=1)])
     values = np.array(rows, dtype=np.float64).reshape(len(rows), wanted - 1)
     return labels_from_columns(types, values, scored)
 
 
-def _number(text: str, field: str, path: Path, line: int) -> float:
+def finite(text: str, field: str, path: Path, line: int) -> float:
+    """A field as a finite number, or a DataError that names file, line and field."""
     try:
         value = float(text)
     except ValueError:

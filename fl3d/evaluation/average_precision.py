@@ -11,17 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.labels import Labels
-from fl3d.errors import ConfigError
-from fl3d.evaluation.matching import count, matched_scores, recall_thresholds
+from fl3d.data.label_table import NAMES, LabelTable
+from fl3d.errors import ConfigError, options
+from fl3d.evaluation.matching import Matches, match_frames, recall_thresholds, sort_matches
+from fl3d.evaluation.overlaps import Overlaps, find_overlaps
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
-from fl3d.geometry.iou import bev_and_3d_iou_cam, image_iou
 
 MIN_HEIGHT = (40, 25, 25)  # pixels; easy, moderate, hard
 MAX_OCCLUSION = (0, 1, 2)
 MAX_TRUNCATION = (0.15, 0.30, 0.50)
 NEIGHBOURS = {"car": "van", "pedestrian": "person_sitting"}  # matched, never counted
 N_SAMPLES = 41
+NO_ANGLE = -10.0  # one detection with this observation angle switches orientation off for all
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class Curve:
         tp: (T,) true positives at each.
         fp: (T,) false positives at each.
         precision: (41,) at recall 0, 1/40, ..., 1, made monotone from the right; 0 where never reached.
+        orientation: (41,) the same of precision weighed by orientation similarity; None where it is switched off,
+            and for bird's-eye view and 3D.
     """
 
     n_gt: int
@@ -41,116 +44,178 @@ class Curve:
     tp: NDArray[np.int64]
     fp: NDArray[np.int64]
     precision: NDArray[np.float64]
+    orientation: NDArray[np.float64] | None = None
 
     @property
     def ap_r11(self) -> float:
         """AP over 11 recall samples (0, 0.1, ..., 1), in percent."""
-        return float(self.precision[::4].sum() / 11 * 100)
+        return average_r11(self.precision)
 
     @property
     def ap_r40(self) -> float:
         """AP over 40 recall samples (1/40, ..., 1), in percent."""
-        return float(self.precision[1:].sum() / 40 * 100)
+        return average_r40(self.precision)
+
+
+def average_r11(precision: NDArray[np.float64]) -> float:
+    """Mean of samples 0, 4, ..., 40 of (41,), in percent."""
+    return float(precision[::4].sum() / 11 * 100)
+
+
+def average_r40(precision: NDArray[np.float64]) -> float:
+    """Mean of samples 1, ..., 40 of (41,), in percent."""
+    return float(precision[1:].sum() / 40 * 100)
+
+
+Curves = dict[str, dict[str, dict[str, Curve]]]
 
 
 @dataclass(frozen=True)
-class _FrameMatch:
-    """Overlaps of one frame, computed once for all classes, metrics and difficulties."""
-
-    gt: Labels
-    det: Labels
-    beyond: NDArray[np.bool_]
-    overlaps: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-    dontcare: NDArray[np.float64]
-
-
-def evaluate(
-    ground_truths: Sequence[Labels],
-    detections: Sequence[Labels],
-    protocol: Protocol,
-    beyond: Sequence[NDArray[np.bool_]] | None = None,
-    classes: Mapping[str, Sequence[float]] | None = None,
-) -> dict[str, dict[str, dict[str, Curve]]]:
-    """Precision-recall curves of frames.
+class Comparison:
+    """Detections held against ground truths: overlaps are computed once, matches when asked for.
 
     Args:
-        ground_truths: labels of each frame.
-        detections: scored labels of the same frames, already cut and suppressed.
-        protocol: classes, overlaps and variant.
-        beyond: for each frame, which ground truths are to be ignored whatever their class; None: none.
-        classes: minimum overlaps of the classes to look at; None: all of the protocol.
+        gt: ground truths.
+        det: detections of the same frames, with scores.
+        protocol: overlaps and variant.
+        beyond: (G,) ground truths to be ignored whatever their class.
+        overlaps: of all pairs.
+    """
 
-    Returns:
-        ``curves[class][metric][difficulty]``.
+    gt: LabelTable
+    det: LabelTable
+    protocol: Protocol
+    beyond: NDArray[np.bool_]
+    overlaps: Overlaps
+
+    def matches(self, name: str, metric: str, difficulty: str) -> Matches:
+        """Matches of one class, metric and difficulty.
+
+        Args:
+            name: of the class, one of the protocol's.
+            metric: ``image``, ``bev`` or ``3d``.
+            difficulty: ``easy``, ``moderate`` or ``hard``.
+        """
+        if name not in self.protocol.overlaps:
+            raise ConfigError(f"protocol.overlaps: no class '{name}'. {options(name, self.protocol.overlaps)}")
+        m, level = METRICS.index(metric), DIFFICULTIES.index(difficulty)
+        minimum = self.protocol.overlaps[name][m]
+        # DontCare has no 3D box, so it excuses false alarms in the image alone.
+        excused = self.overlaps.dontcare > minimum if metric == "image" else np.zeros(len(self.det.types), dtype=bool)
+        found = match_frames(
+            self.gt.offsets,
+            self.det.offsets,
+            self.overlaps.offsets,
+            self.overlaps.detection,
+            self.overlaps.values[m],
+            ground_truth_flags(self.gt, name.lower(), level, self.protocol.variant, self.beyond),
+            detection_flags(self.det, name.lower(), level),
+            np.ascontiguousarray(self.det.scores),
+            excused,
+            np.ascontiguousarray(self.gt.values[:, 2]),
+            np.ascontiguousarray(self.det.values[:, 2]),
+            minimum,
+        )
+        return sort_matches(*found)
+
+    def curve(self, name: str, metric: str, difficulty: str) -> Curve:
+        """Precision and recall of one class, metric and difficulty."""
+        with_angle = metric == "image" and not (self.det.values[:, 2] == NO_ANGLE).any()
+        return curve_of(self.matches(name, metric, difficulty), with_angle)
+
+
+def compare(gt: LabelTable, det: LabelTable, protocol: Protocol, beyond: NDArray[np.bool_] | None = None) -> Comparison:
+    """Hold detections against ground truths.
+
+    Args:
+        gt: ground truths of F frames.
+        det: detections of the same frames, already cut and suppressed.
+        protocol: overlaps and variant.
+        beyond: (G,) ground truths to be ignored whatever their class; None: none.
 
     Raises:
-        ConfigError: both sequences differ in length, or detections carry no scores.
+        ConfigError: the numbers of frames differ.
     """
-    if len(ground_truths) != len(detections):
-        raise ConfigError(f"{len(ground_truths)} frames of labels but {len(detections)} of detections")
-    if beyond is None:
-        beyond = [np.zeros(len(gt), dtype=bool) for gt in ground_truths]
-    frames = [_match(*frame) for frame in zip(ground_truths, detections, beyond, strict=True)]
+    if len(gt) != len(det):
+        raise ConfigError(f"{len(gt)} frames of labels but {len(det)} of detections")
+    ignored = np.zeros(len(gt.types), dtype=bool) if beyond is None else beyond
+    return Comparison(gt, det, protocol, ignored, find_overlaps(gt, det))
+
+
+def evaluate(comparison: Comparison, classes: Sequence[str] | None = None) -> Curves:
+    """All curves of a comparison: ``curves[class][metric][difficulty]``.
+
+    Args:
+        comparison: see ``compare``.
+        classes: which of the protocol's; None: all.
+    """
     return {
-        name: {
-            metric: {
-                difficulty: _curve(frames, name.lower(), m, level, minimum[m], protocol.variant)
-                for level, difficulty in enumerate(DIFFICULTIES)
-            }
-            for m, metric in enumerate(METRICS)
-        }
-        for name, minimum in (protocol.overlaps if classes is None else classes).items()
+        name: {metric: {level: comparison.curve(name, metric, level) for level in DIFFICULTIES} for metric in METRICS}
+        for name in (comparison.protocol.overlaps if classes is None else classes)
     }
 
 
-def _match(gt: Labels, det: Labels, beyond: NDArray[np.bool_]) -> _FrameMatch:
-    if det.scores is None:
-        raise ConfigError("detections without scores cannot be evaluated")
-    regions = np.char.lower(gt.types) == "dontcare" if len(gt) else np.zeros(0, dtype=bool)
-    bev, volume = bev_and_3d_iou_cam(det.boxes_cam, gt.boxes_cam)
-    overlaps = (image_iou(det.boxes_image, gt.boxes_image), bev, volume)
-    dontcare = image_iou(det.boxes_image, gt.boxes_image[regions], over_a=True)
-    return _FrameMatch(gt, det, beyond, overlaps, np.ascontiguousarray(dontcare))
+def curve_of(matches: Matches, with_angle: bool = False) -> Curve:
+    """The curve that matches give."""
+    n_gt = int(matches.n_gt.sum())
+    once = np.ones(len(matches.hit_scores), dtype=np.int64)
+    thresholds = recall_thresholds(matches.hit_scores, once, n_gt) if n_gt and len(once) else np.zeros(0)
+    last = np.searchsorted(-matches.scores, -thresholds, side="right")  # events at or above each threshold
+    tp, fp, similar = (
+        np.concatenate([[0], np.cumsum(values)])[last] for values in (matches.tp, matches.fp, matches.similarity)
+    )
+    orientation = _samples(similar, tp + fp) if with_angle else None
+    return Curve(n_gt, thresholds, tp, fp, _samples(tp, tp + fp), orientation)
 
 
-def _curve(frames: list[_FrameMatch], name: str, metric: int, level: int, minimum: float, variant: str) -> Curve:
-    prepared = []
-    for frame in frames:
-        gt_flags, det_flags = ground_truth_flags(frame, name, level, variant), detection_flags(frame.det, name, level)
-        # DontCare has no 3D box, so it excuses false alarms in the image alone.
-        regions = frame.dontcare if metric == 0 else frame.dontcare[:, :0]
-        prepared.append((frame.overlaps[metric], regions, frame.det.scores, gt_flags, det_flags))
-    n_gt = sum(int((flags == 0).sum()) for *_, flags, _ in prepared)
-    hits = [matched_scores(o, s, g, d, minimum) for o, _, s, g, d in prepared]
-    scores = np.sort(np.concatenate([*hits, np.zeros(0)]))[::-1]
-    thresholds = recall_thresholds(np.ascontiguousarray(scores), n_gt) if n_gt else np.zeros(0)
-    counts = np.zeros((len(thresholds), 2), dtype=np.int64)
-    for t, threshold in enumerate(thresholds):
-        for frame_arrays in prepared:
-            counts[t] += count(*frame_arrays, minimum, threshold)
-    tp, fp = counts[:, 0], counts[:, 1]
-    precision = np.zeros(N_SAMPLES)
-    found = np.divide(tp, tp + fp, out=np.zeros(len(tp)), where=tp + fp > 0)
-    precision[: len(found)] = np.maximum.accumulate(found[::-1])[::-1]
-    return Curve(n_gt, thresholds, tp, fp, precision)
+def _samples(part: NDArray[np.generic], whole: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Ratios at the thresholds, made monotone from the right and filled up with 0: (T,) -> (41,)."""
+    ratio = np.divide(part, whole, out=np.zeros(len(whole)), where=whole > 0)
+    samples = np.zeros(N_SAMPLES)
+    samples[: len(ratio)] = np.maximum.accumulate(ratio[::-1])[::-1]
+    return samples
 
 
-def ground_truth_flags(frame: _FrameMatch, name: str, level: int, variant: str) -> NDArray[np.int8]:
+def ground_truth_flags(
+    gt: LabelTable, name: str, level: int, variant: str, beyond: NDArray[np.bool_]
+) -> NDArray[np.int8]:
     """0 counts, 1 ignored, -1 not there: (G,) for a class and difficulty."""
-    gt = frame.gt
-    types = np.char.lower(gt.types) if len(gt) else gt.types
-    height = gt.boxes_image[:, 3] - gt.boxes_image[:, 1]
+    height = gt.values[:, 6] - gt.values[:, 4]
     low = height < MIN_HEIGHT[level] if variant == "A" else height <= MIN_HEIGHT[level]
-    hard = (gt.occluded > MAX_OCCLUSION[level]) | (gt.truncated > MAX_TRUNCATION[level]) | low | frame.beyond
-    flags = np.full(len(gt), -1, dtype=np.int8)
-    flags[types == name] = 0
-    flags[(types == name) & hard] = 1
-    flags[types == NEIGHBOURS.get(name, "")] = 1
+    hard = (gt.values[:, 1] > MAX_OCCLUSION[level]) | (gt.values[:, 0] > MAX_TRUNCATION[level]) | low | beyond
+    flags = np.full(len(gt.types), -1, dtype=np.int8)
+    own = gt.types == NAMES.index(name)
+    flags[own] = np.where(hard[own], 1, 0)
+    if name in NEIGHBOURS:
+        flags[gt.types == NAMES.index(NEIGHBOURS[name])] = 1
     return flags
 
 
-def detection_flags(det: Labels, name: str, level: int) -> NDArray[np.int8]:
+def detection_flags(det: LabelTable, name: str, level: int) -> NDArray[np.int8]:
     """0 counts, 1 ignored, -1 not there: (D,). Height is looked at before class, in whole pixels."""
-    types = np.char.lower(det.types) if len(det) else det.types
-    height = np.abs(det.boxes_image[:, 1] - det.boxes_image[:, 3]).astype(np.int64)
-    return np.where(height < MIN_HEIGHT[level], 1, np.where(types == name, 0, -1)).astype(np.int8)
+    height = np.abs(det.values[:, 4] - det.values[:, 6]).astype(np.int64)
+    own = det.types == NAMES.index(name)
+    return np.where(height < MIN_HEIGHT[level], 1, np.where(own, 0, -1)).astype(np.int8)
+
+
+def as_json(curves: Curves) -> dict[str, Mapping[str, object]]:
+    """Curves as plain values: thresholds, counts, 41 precisions and both APs, in full doubles."""
+    return {
+        name: {metric: {level: _plain(curve) for level, curve in levels.items()} for metric, levels in metrics.items()}
+        for name, metrics in curves.items()
+    }
+
+
+def _plain(curve: Curve) -> dict[str, object]:
+    plain: dict[str, object] = {
+        "n_gt": curve.n_gt,
+        "thresholds": curve.thresholds.tolist(),
+        "tp": curve.tp.tolist(),
+        "fp": curve.fp.tolist(),
+        "precision": curve.precision.tolist(),
+        "ap_r11": curve.ap_r11,
+        "ap_r40": curve.ap_r40,
+    }
+    if curve.orientation is not None:
+        plain["aos_r11"], plain["aos_r40"] = average_r11(curve.orientation), average_r40(curve.orientation)
+    return plain

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from fl3d.data.calibration import Calibration
 from fl3d.data.kitti import KittiFolder
+from fl3d.data.label_table import table_from_labels
 from fl3d.data.labels import Labels
 from fl3d.data.projection import project_boxes
 from fl3d.errors import DataError
-from fl3d.evaluation.average_precision import evaluate
+from fl3d.evaluation.average_precision import compare, evaluate
 from fl3d.evaluation.protocol import Protocol
 from fl3d.files import write_atomically
 from fl3d.geometry.boxes import rectangles_velo
@@ -152,8 +153,8 @@ def score(detections: Detections, validation: Validation, protocol: Protocol) ->
         boxes, scores = detections.boxes_velo[rows], detections.scores[rows]
         results.append(to_labels(boxes, scores, calibration, size, protocol))
         beyond.append(_beyond(validation.labels[index], calibration, protocol))
-    cars = {"Car": protocol.overlaps["Car"]}
-    curves = evaluate(validation.labels, results, protocol, beyond, cars)["Car"]
+    gt, det = table_from_labels(validation.labels), table_from_labels(results)
+    curves = evaluate(compare(gt, det, protocol, np.concatenate(beyond)), ["Car"])["Car"]
     scores_by_name = {}
     for metric, levels in curves.items():
         for difficulty, curve in levels.items():

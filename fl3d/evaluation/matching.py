@@ -1,127 +1,185 @@
-"""KITTI's matching of detections to ground truths, rule by rule. Numbers in comments: the official evaluator's order.
+"""KITTI's matching of detections to ground truths, for all frames of one class, metric and difficulty.
 
-For one class and difficulty every object has a flag: 0 counts, 1 is ignored (neither hit nor miss), -1 is not there.
-Two passes: the first finds the scores at which recall grows, the second counts hits and false alarms at each of them.
+Every object has a flag: 0 counts, 1 is ignored (neither hit nor miss), -1 is not there. Two passes: the first finds
+the scores at which recall grows, the second counts hits and false alarms as the score threshold falls. The second
+matches a frame again only when another of its detections that touch a ground truth appears; the other false alarms are
+only counted.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
+Int = NDArray[np.int64]
 Flags = NDArray[np.int8]
 
 
-@numba.njit(cache=True)
-def matched_scores(
-    overlap: Float, det_scores: Float, gt_flags: Flags, det_flags: Flags, minimum: float
-) -> NDArray[np.float64]:
-    """First pass, one frame: scores of the hits when each ground truth takes the best-scored free detection.
+@dataclass(frozen=True)
+class Matches:
+    """All that an AP needs; frames can be weighed, so that resampling needs no matching.
 
     Args:
-        overlap: (D, G).
-        det_scores: (D,).
-        gt_flags: (G,).
-        det_flags: (D,).
-        minimum: overlap that a hit must exceed.
+        n_gt: (F,) ground truths of each frame that count.
+        hit_scores: (H,) falling; the hits of the first pass.
+        hit_frames: (H,) their frames.
+        scores: (E,) falling; thresholds at which the counts of a frame change.
+        frames: (E,) the frame that changes.
+        tp: (E,) by how many its true positives change.
+        fp: (E,) by how many its false positives change.
+        similarity: (E,) by how much the orientation similarity of its true positives changes.
     """
-    taken = np.zeros(len(det_scores), dtype=np.bool_)
-    hits = np.empty(len(gt_flags))
-    n_hits = 0
-    for g in range(len(gt_flags)):
-        if gt_flags[g] == -1:
-            continue
-        best = -1
-        for d in range(len(det_scores)):
-            if det_flags[d] == -1 or taken[d] or not overlap[d, g] > minimum:
-                continue
-            if best < 0 or det_scores[d] > det_scores[best]:
-                best = d
-        if best < 0:
-            continue
-        taken[best] = True
-        if gt_flags[g] == 0 and det_flags[best] == 0:
-            hits[n_hits] = det_scores[best]
-            n_hits += 1
-    return hits[:n_hits].copy()
+
+    n_gt: Int
+    hit_scores: Float
+    hit_frames: Int
+    scores: Float
+    frames: Int
+    tp: Int
+    fp: Int
+    similarity: Float
+
+
+def sort_matches(n_gt: Int, hits: tuple[Float, Int], events: tuple[Float, Int, Int, Int, Float]) -> Matches:
+    """Arrange what ``match_frames`` found by falling score."""
+    scores, frames, tp, fp, similarity = events
+    first, then = np.argsort(-hits[0], kind="stable"), np.argsort(-scores, kind="stable")
+    return Matches(
+        n_gt, hits[0][first], hits[1][first], scores[then], frames[then], tp[then], fp[then], similarity[then]
+    )
 
 
 @numba.njit(cache=True)
-def count(
+def match_frames(
+    gt_offsets: Int,
+    det_offsets: Int,
+    pair_offsets: Int,
+    pair_detection: Int,
     overlap: Float,
-    dontcare: Float,
-    det_scores: Float,
     gt_flags: Flags,
     det_flags: Flags,
+    det_scores: Float,
+    excused: NDArray[np.bool_],
+    gt_alpha: Float,
+    det_alpha: Float,
     minimum: float,
-    threshold: float,
-) -> tuple[int, int]:
-    """Second pass, one frame, one threshold: true and false positives.
-
-    Each ground truth takes the free detection that overlaps it most; one that counts replaces an ignored one.
+) -> tuple[Int, tuple[Float, Int], tuple[Float, Int, Int, Int, Float]]:
+    """Match every frame; see ``Matches`` for what comes back, not yet sorted.
 
     Args:
-        overlap: (D, G).
-        dontcare: (D, R) share of each detection that lies in each DontCare region.
-        det_scores: (D,).
+        gt_offsets: (F + 1,).
+        det_offsets: (F + 1,).
+        pair_offsets: (G + 1,), see ``overlaps.Overlaps``.
+        pair_detection: (P,).
+        overlap: (P,) of the metric.
         gt_flags: (G,).
         det_flags: (D,).
+        det_scores: (D,).
+        excused: (D,) whether a DontCare region excuses a false alarm.
+        gt_alpha: (G,) observation angles.
+        det_alpha: (D,) likewise.
         minimum: overlap that a hit must exceed.
-        threshold: detections scored below are not there.
     """
-    n_det = len(det_scores)
-    taken = np.zeros(n_det, dtype=np.bool_)
-    tp = 0
-    for g in range(len(gt_flags)):
-        if gt_flags[g] == -1:
-            continue
-        best, best_overlap, best_ignored = -1, 0.0, False
-        for d in range(n_det):
-            if det_flags[d] == -1 or taken[d] or det_scores[d] < threshold or not overlap[d, g] > minimum:
+    n_frames = len(gt_offsets) - 1
+    n_gt = np.zeros(n_frames, dtype=np.int64)
+    hit_scores, hit_frames = np.empty(len(gt_flags)), np.empty(len(gt_flags), dtype=np.int64)
+    size = 2 * len(det_flags)
+    scores, frames = np.empty(size), np.empty(size, dtype=np.int64)
+    tps, fps, similarities = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64), np.empty(size)
+    taken = np.zeros(len(det_flags), dtype=np.bool_)
+    touches = np.zeros(len(det_flags), dtype=np.bool_)
+    n_hits = n = 0
+    for frame in range(n_frames):
+        g0, g1, d0, d1 = gt_offsets[frame], gt_offsets[frame + 1], det_offsets[frame], det_offsets[frame + 1]
+        # First pass: each ground truth takes the best-scored free detection.
+        for g in range(g0, g1):
+            if gt_flags[g] == -1:
                 continue
-            if det_flags[d] == 0 and (overlap[d, g] > best_overlap or best_ignored):
-                best, best_overlap, best_ignored = d, overlap[d, g], False
-            elif det_flags[d] == 1 and best < 0:
-                best, best_ignored = d, True
-        if best < 0:
+            n_gt[frame] += gt_flags[g] == 0
+            best = -1
+            for k in range(pair_offsets[g], pair_offsets[g + 1]):
+                d = pair_detection[k]
+                if det_flags[d] == -1 or not overlap[k] > minimum:
+                    continue
+                touches[d] = True
+                if not taken[d] and (best < 0 or det_scores[d] > det_scores[best]):
+                    best = d
+            if best >= 0:
+                taken[best] = True
+                if gt_flags[g] == 0 and det_flags[best] == 0:
+                    hit_scores[n_hits], hit_frames[n_hits] = det_scores[best], frame
+                    n_hits += 1
+        # Detections that touch nothing are false alarms from their score on.
+        n_touching = 0
+        for d in range(d0, d1):
+            if touches[d]:
+                n_touching += 1
+            elif det_flags[d] == 0 and not excused[d]:
+                scores[n], frames[n], tps[n], fps[n], similarities[n] = det_scores[d], frame, 0, 1, 0.0
+                n += 1
+        if n_touching == 0:
             continue
-        taken[best] = True
-        if gt_flags[g] == 0 and det_flags[best] == 0:
-            tp += 1
-    fp = 0
-    for d in range(n_det):
-        if taken[d] or det_flags[d] != 0 or det_scores[d] < threshold:
-            continue
-        excused = False
-        for r in range(dontcare.shape[1]):
-            if dontcare[d, r] > minimum:
-                excused = True
-                break
-        if not excused:
-            fp += 1
-    return tp, fp
+        # Second pass, at each score of a touching detection: the one of most overlap is taken.
+        levels = np.unique(det_scores[d0:d1][touches[d0:d1]])[::-1]
+        tp_before, fp_before, similarity_before = 0, 0, 0.0
+        for level in levels:
+            taken[d0:d1] = False
+            tp, fp, similarity = 0, 0, 0.0
+            for g in range(g0, g1):
+                if gt_flags[g] == -1:
+                    continue
+                best, best_overlap, best_ignored = -1, 0.0, False
+                for k in range(pair_offsets[g], pair_offsets[g + 1]):
+                    d = pair_detection[k]
+                    if det_flags[d] == -1 or taken[d] or det_scores[d] < level or not overlap[k] > minimum:
+                        continue
+                    if det_flags[d] == 0 and (overlap[k] > best_overlap or best_ignored):
+                        best, best_overlap, best_ignored = d, overlap[k], False
+                    elif det_flags[d] == 1 and best < 0:
+                        best, best_ignored = d, True
+                if best >= 0:
+                    taken[best] = True
+                    if gt_flags[g] == 0 and det_flags[best] == 0:
+                        tp += 1
+                        similarity += (1.0 + np.cos(gt_alpha[g] - det_alpha[best])) / 2.0
+            for d in range(d0, d1):
+                if touches[d] and det_flags[d] == 0 and det_scores[d] >= level and not taken[d] and not excused[d]:
+                    fp += 1
+            scores[n], frames[n] = level, frame
+            tps[n], fps[n], similarities[n] = tp - tp_before, fp - fp_before, similarity - similarity_before
+            n += 1
+            tp_before, fp_before, similarity_before = tp, fp, similarity
+    hits = (hit_scores[:n_hits].copy(), hit_frames[:n_hits].copy())
+    events = (scores[:n].copy(), frames[:n].copy(), tps[:n].copy(), fps[:n].copy(), similarities[:n].copy())
+    return n_gt, hits, events
 
 
 @numba.njit(cache=True)
-def recall_thresholds(scores: Float, n_gt: int) -> NDArray[np.float64]:
+def recall_thresholds(scores: Float, repeats: Int, n_gt: int) -> NDArray[np.float64]:
     """Scores at which recall is nearest to 0, 1/40, 2/40, ...
 
     Args:
-        scores: of all hits of the first pass, falling.
+        scores: (H,) of all hits of the first pass, falling.
+        repeats: (H,) how often each counts.
         n_gt: ground truths that count.
     """
-    kept = np.empty(len(scores))
-    n = 0
+    total = repeats.sum()
+    kept = np.empty(min(total, 64))
+    n = i = 0
     wanted = 0.0
-    for i in range(len(scores)):
-        here = (i + 1) / n_gt
-        last = i == len(scores) - 1
-        following = here if last else (i + 2) / n_gt
-        if following - wanted < wanted - here and not last:
-            continue
-        kept[n] = scores[i]
-        n += 1
-        wanted += 1.0 / 40.0
+    for h in range(len(scores)):
+        for _ in range(repeats[h]):
+            here = (i + 1) / n_gt
+            last = i == total - 1
+            following = here if last else (i + 2) / n_gt
+            i += 1
+            if (following - wanted < wanted - here and not last) or n == 41:
+                continue
+            kept[n] = scores[h]
+            n += 1
+            wanted += 1.0 / 40.0
     return kept[:n].copy()

@@ -16,7 +16,8 @@ Float = NDArray[np.float64]
 
 
 @numba.njit(cache=True)
-def _corners(rectangle: Float, out: Float) -> None:
+def corners_of(rectangle: Float, out: Float) -> None:
+    """Write the counter-clockwise corners (4, 2) of a rectangle (5,)."""
     cos, sin = np.cos(rectangle[4]), np.sin(rectangle[4])
     for k in range(4):
         a = 0.5 * rectangle[2] * (1.0 if k in (0, 3) else -1.0)
@@ -26,7 +27,7 @@ def _corners(rectangle: Float, out: Float) -> None:
 
 
 @numba.njit(cache=True)
-def _intersection(p: Float, q: Float) -> float:
+def shared_area(p: Float, q: Float) -> float:
     """Area shared by rectangles with counter-clockwise corners ``p`` and ``q`` (each 4, 2)."""
     polygon = np.empty((16, 2))
     clipped = np.empty((16, 2))
@@ -77,15 +78,15 @@ def intersection_areas(a: Float, b: Float) -> Float:
         if not (a[i, 2] > 0 and a[i, 3] > 0):
             continue
         radius = 0.5 * np.hypot(a[i, 2], a[i, 3])
-        _corners(a[i], p)
+        corners_of(a[i], p)
         for j in range(b.shape[0]):
             if not (b[j, 2] > 0 and b[j, 3] > 0):
                 continue
             reach = radius + 0.5 * np.hypot(b[j, 2], b[j, 3])
             du, dv = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1]
             if du * du + dv * dv < reach * reach:
-                _corners(b[j], q)
-                out[i, j] = _intersection(p, q)
+                corners_of(b[j], q)
+                out[i, j] = shared_area(p, q)
     return out
 
 

@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fl3d.data.label_table import table_from_labels
 from fl3d.data.labels import Labels, labels_from_columns
 from fl3d.errors import ConfigError
-from fl3d.evaluation.average_precision import Curve, evaluate
+from fl3d.evaluation.average_precision import Curve, Curves, as_json, compare
+from fl3d.evaluation.average_precision import evaluate as evaluate_comparison
 from fl3d.evaluation.matching import recall_thresholds
 from fl3d.evaluation.protocol import Protocol
 
@@ -31,6 +33,10 @@ def frame(*rows: Row) -> Labels:
     scored = bool(rows) and len(rows[0][1]) == 15
     width = 15 if scored else 14
     return labels_from_columns([k for k, _ in rows], np.array([r for _, r in rows]).reshape(-1, width), scored)
+
+
+def evaluate(gt: list[Labels], det: list[Labels], how: Protocol, beyond: np.ndarray | None = None) -> Curves:
+    return evaluate_comparison(compare(table_from_labels(gt), table_from_labels(det), how, beyond))
 
 
 EMPTY = labels_from_columns([], np.zeros((0, 15)), scored=True)
@@ -108,7 +114,7 @@ def test_rule_4_a_valid_detection_replaces_an_ignored_one() -> None:
 def test_rule_5_thresholds_follow_recall_in_steps_of_a_fortieth() -> None:
     """With 80 hits of 80 every other one is nearest to a step of 1/40; the last is always kept."""
     scores = np.linspace(1, 0.01, 80)
-    thresholds = recall_thresholds(scores, 80)
+    thresholds = recall_thresholds(scores, np.ones(80, dtype=np.int64), 80)
     assert len(thresholds) == 41
     assert thresholds[0] == scores[0]
     assert thresholds[-1] == scores[-1]
@@ -165,7 +171,7 @@ def test_overlap_must_exceed_the_minimum() -> None:
 
 def test_cars_beyond_the_area_are_neutral() -> None:
     gt, det = [frame(thing(0), thing(1))], [frame(thing(0, score=0.9), thing(1, score=0.8))]
-    found = evaluate(gt, det, protocol(), beyond=[np.array([False, True])])["Car"]["3d"]["easy"]
+    found = evaluate(gt, det, protocol(), beyond=np.array([False, True]))["Car"]["3d"]["easy"]
     assert found.n_gt == 1
     assert (found.tp.tolist(), found.fp.tolist()) == ([1], [0])
 
@@ -192,11 +198,35 @@ def test_other_classes_have_their_own_overlaps() -> None:
     assert (found.n_gt, found.fp.tolist()) == (1, [0])
 
 
-def test_unequal_numbers_of_frames_and_missing_scores_are_refused() -> None:
+def test_unequal_numbers_of_frames_are_refused() -> None:
     with pytest.raises(ConfigError, match="2 frames of labels but 1 of detections"):
         evaluate([EMPTY, EMPTY], [EMPTY], protocol())
-    with pytest.raises(ConfigError, match="without scores"):
-        evaluate([frame(thing(0))], [frame(thing(0))], protocol())
+
+
+def angled(x: float, alpha: float, score: float | None = None) -> Row:
+    kind, row = thing(x, score=score)
+    row[2] = alpha
+    return kind, row
+
+
+def test_rule_10_orientation_similarity_and_the_angle_that_switches_it_off() -> None:
+    """A quarter turn is worth one half; one detection without an angle ends it for all."""
+    gt = [frame(angled(0, 0.0), angled(1, 0.0))]
+    det = [frame(angled(0, np.pi / 2, 0.9), angled(1, 0.0, 0.8))]
+    found = curve(gt, det, "image")
+    assert found.orientation is not None
+    assert found.orientation[:2] == pytest.approx([0.75, 0.75])  # (1/2 + 1) / 2, and 1/2 before made monotone
+    assert "aos_r11" in as_json(evaluate(gt, det, protocol()))["Car"]["image"]["moderate"]
+    switched = [frame(angled(0, np.pi / 2, 0.9), angled(1, -10.0, 0.8))]
+    assert curve(gt, switched, "image").orientation is None
+    assert curve(gt, det, "3d").orientation is None
+
+
+def test_json_has_every_number_that_the_official_evaluator_counts() -> None:
+    gt, det = [frame(thing(0), thing(1))], [frame(thing(0, score=0.9))]
+    plain = as_json(evaluate(gt, det, protocol()))["Car"]["3d"]["easy"]
+    assert set(plain) == {"n_gt", "thresholds", "tp", "fp", "precision", "ap_r11", "ap_r40"}
+    assert len(plain["precision"]) == 41
 
 
 @settings(max_examples=25, deadline=None)
