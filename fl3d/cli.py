@@ -71,6 +71,33 @@ def tables(arguments: list[str]) -> None:
     report_from_store(compose_config(overrides or ["+sweep=gamma"]))
 
 
+def evaluate(arguments: list[str]) -> None:
+    """Evaluate a folder of KITTI result files (NNNNNN.txt), whoever wrote them, by KITTI's official rules.
+
+    The frames evaluated are those that have a result file; the results are taken as they are.
+    """
+    parser = _parser("evaluate", evaluate.__doc__)
+    parser.add_argument("labels", type=Path, metavar="LABELS", help="folder of label files, such as training/label_2")
+    parser.add_argument("results", type=Path, metavar="RESULTS", help="folder of result files, one a frame")
+    protocols = sorted(path.stem for path in (CONF / "protocol").glob("*.yaml"))
+    parser.add_argument("--protocol", default="kitti", choices=protocols, help="overlaps and variant (default: kitti)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="thresholds, counts, precisions and AP in full")
+    options = parser.parse_args(arguments)
+    import json
+
+    from fl3d.evaluation.average_precision import as_json
+    from fl3d.evaluation.folders import curves_to_markdown, evaluate_folder
+    from fl3d.evaluation.protocol import Protocol
+    from fl3d.files import write_text
+
+    protocol = Protocol(**compose_config([f"protocol={options.protocol}", "profile=paper"])["protocol"])
+    curves, n_frames = evaluate_folder(options.labels, options.results, protocol)
+    print(f"{n_frames} frames, protocol {protocol.name} (variant {protocol.variant}); AP in percent\n")
+    print(curves_to_markdown(curves))
+    if options.json:
+        write_text(options.json, json.dumps(as_json(curves)) + "\n")
+
+
 def simulate(arguments: list[str]) -> None:
     """Write a simulated KITTI folder below OUT."""
     from fl3d.data.simulator.generate import Settings, generate
@@ -112,7 +139,13 @@ def stage(arguments: list[str]) -> None:
     run_stage(parser.parse_args(arguments).folder)
 
 
-COMMANDS: dict[str, Callable[[list[str]], None]] = {"tables": tables, "simulate": simulate, "ui": ui, "stage": stage}
+COMMANDS: dict[str, Callable[[list[str]], None]] = {
+    "tables": tables,
+    "evaluate": evaluate,
+    "simulate": simulate,
+    "ui": ui,
+    "stage": stage,
+}
 
 
 def _parser(name: str, description: str | None) -> argparse.ArgumentParser:

@@ -167,19 +167,23 @@ def recall_thresholds(scores: Float, repeats: Int, n_gt: int) -> NDArray[np.floa
         repeats: (H,) how often each counts.
         n_gt: ground truths that count.
     """
-    total = repeats.sum()
-    kept = np.empty(min(total, 64))
-    n = i = 0
+    ends = np.cumsum(repeats)  # how many hits stand above each score, itself included
+    total = ends[-1] if len(ends) else 0
+    kept = np.empty(41)
+    n = first = 0
     wanted = 0.0
-    for h in range(len(scores)):
-        for _ in range(repeats[h]):
-            here = (i + 1) / n_gt
-            last = i == total - 1
-            following = here if last else (i + 2) / n_gt
-            i += 1
-            if (following - wanted < wanted - here and not last) or n == 41:
-                continue
-            kept[n] = scores[h]
-            n += 1
-            wanted += 1.0 / 40.0
+    while first < total and n < 41:
+        # The official loop skips hit i while recall after i + 1 is nearer to what is wanted than after i; once that
+        # is false it stays false, so the first hit that is not skipped is found by halving.
+        low, high = first, total - 1
+        while low < high:
+            middle = (low + high) // 2
+            if (middle + 2) / n_gt - wanted < wanted - (middle + 1) / n_gt:
+                low = middle + 1
+            else:
+                high = middle
+        kept[n] = scores[np.searchsorted(ends, low, side="right")]
+        n += 1
+        wanted += 1.0 / 40.0
+        first = low + 1
     return kept[:n].copy()

@@ -62,40 +62,52 @@ def shared_area(p: Float, q: Float) -> float:
 
 
 @numba.njit(cache=True)
-def intersection_areas(a: Float, b: Float) -> Float:
-    """Shared area of each pair of rotated rectangles.
-
-    Args:
-        a: (N, 5) ``rectangles``; a length or width that is not positive overlaps nothing.
-        b: (M, 5) ``rectangles``.
-
-    Returns:
-        (N, M) in square metres.
-    """
+def _shared_areas(a: Float, b: Float, order: NDArray[np.int64], over_union: bool) -> Float:
+    """Shared area, or IoU, of each pair; ``order`` sorts ``b`` by its centre's u, so that far pairs are never seen."""
     out = np.zeros((a.shape[0], b.shape[0]))
+    radii = 0.5 * np.hypot(b[:, 2], b[:, 3])
+    u = b[order, 0]
+    widest = radii.max() if len(radii) else 0.0
     p, q = np.empty((4, 2)), np.empty((4, 2))
     for i in range(a.shape[0]):
         if not (a[i, 2] > 0 and a[i, 3] > 0):
             continue
         radius = 0.5 * np.hypot(a[i, 2], a[i, 3])
         corners_of(a[i], p)
-        for j in range(b.shape[0]):
-            if not (b[j, 2] > 0 and b[j, 3] > 0):
-                continue
-            reach = radius + 0.5 * np.hypot(b[j, 2], b[j, 3])
-            du, dv = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1]
-            if du * du + dv * dv < reach * reach:
+        first = np.searchsorted(u, a[i, 0] - radius - widest)
+        for k in range(first, len(u)):
+            if u[k] > a[i, 0] + radius + widest:
+                break
+            j = order[k]
+            du, dv, reach = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], radius + radii[j]
+            if du * du + dv * dv < reach * reach and b[j, 2] > 0 and b[j, 3] > 0:
                 corners_of(b[j], q)
-                out[i, j] = shared_area(p, q)
+                area = shared_area(p, q)
+                if area > 0 and over_union:
+                    out[i, j] = area / (a[i, 2] * a[i, 3] + b[j, 2] * b[j, 3] - area)
+                else:
+                    out[i, j] = area
     return out
+
+
+def intersection_areas(rectangles_a: Array, rectangles_b: Array) -> Float:
+    """Shared area of each pair of rotated rectangles.
+
+    Args:
+        rectangles_a: (N, 5); a length or width that is not positive overlaps nothing.
+        rectangles_b: (M, 5).
+
+    Returns:
+        (N, M) in square metres.
+    """
+    a, b = _contiguous(rectangles_a), _contiguous(rectangles_b)
+    return _shared_areas(a, b, np.argsort(b[:, 0]), False)
 
 
 def bev_iou(rectangles_a: Array, rectangles_b: Array) -> Float:
     """Intersection over union of rotated rectangles: (N, 5), (M, 5) -> (N, M)."""
     a, b = _contiguous(rectangles_a), _contiguous(rectangles_b)
-    shared: Float = intersection_areas(a, b)
-    union = (a[:, 2] * a[:, 3])[:, None] + (b[:, 2] * b[:, 3])[None] - shared
-    return _ratio(shared, union)
+    return _shared_areas(a, b, np.argsort(b[:, 0]), True)
 
 
 def bev_and_3d_iou_cam(boxes_a: Array, boxes_b: Array) -> tuple[Float, Float]:
@@ -108,8 +120,8 @@ def bev_and_3d_iou_cam(boxes_a: Array, boxes_b: Array) -> tuple[Float, Float]:
     Returns:
         bird's-eye-view IoU (N, M) and 3D IoU (N, M).
     """
-    a, b = _contiguous(rectangles_cam(boxes_a)), _contiguous(rectangles_cam(boxes_b))
-    shared: Float = intersection_areas(a, b)
+    a, b = rectangles_cam(boxes_a), rectangles_cam(boxes_b)
+    shared = intersection_areas(a, b)
     area_a, area_b = a[:, 2] * a[:, 3], b[:, 2] * b[:, 3]
     bev = _ratio(shared, area_a[:, None] + area_b[None] - shared)
     bottom_a, bottom_b = boxes_a[:, 1], boxes_b[:, 1]

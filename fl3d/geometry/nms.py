@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.errors import ConfigError, options
 from fl3d.geometry.boxes import Array, standup
-from fl3d.geometry.iou import bev_iou, image_iou
+from fl3d.geometry.iou import corners_of, shared_area
 
 KINDS = ("standup", "rotated")
 
@@ -31,14 +32,70 @@ def nms(rectangles: Array, scores: Array, iou: float, kind: str, max_kept: int) 
     if kind not in KINDS:
         raise ConfigError(f"protocol.nms_kind: no kind '{kind}'. {options(kind, KINDS)}")
     order = np.argsort(-scores, kind="stable")
+    rectangles = np.ascontiguousarray(rectangles, dtype=np.float64)
     hulls = standup(rectangles)
-    kept: list[int] = []
-    while len(order) and len(kept) < max_kept:
-        best, order = order[0], order[1:]
-        kept.append(int(best))
-        if kind == "standup":
-            overlap = image_iou(hulls[best : best + 1], hulls[order])[0]
-        else:
-            overlap = bev_iou(rectangles[best : best + 1], rectangles[order])[0]
-        order = order[overlap <= iou]
-    return np.array(kept, dtype=np.int64)
+    if not np.isfinite(hulls).all():
+        raise ConfigError("rectangles must be finite")
+    return _greedy(rectangles, hulls, order, iou, kind == "rotated", max_kept)
+
+
+@numba.njit(cache=True)
+def _overlap(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64], q: NDArray[np.float64]) -> float:
+    """IoU of rotated rectangles; ``p`` and ``q`` are room for their corners."""
+    if not (a[2] > 0 and a[3] > 0 and b[2] > 0 and b[3] > 0):
+        return 0.0
+    corners_of(a, p)
+    corners_of(b, q)
+    area = shared_area(p, q)
+    return area / (a[2] * a[3] + b[2] * b[3] - area)
+
+
+@numba.njit(cache=True)
+def _greedy(
+    rectangles: NDArray[np.float64],
+    hulls: NDArray[np.float64],
+    order: NDArray[np.int64],
+    iou: float,
+    rotated: bool,
+    max_kept: int,
+) -> NDArray[np.int64]:
+    """Kept rectangles lie in lists by grid cell, so that each is compared with its neighbours alone."""
+    n = len(order)
+    kept = np.empty(min(n, max_kept), dtype=np.int64)
+    if n == 0:
+        return kept
+    low_u, low_v = hulls[:, 0].min(), hulls[:, 1].min()
+    span = max(hulls[:, 2].max() - low_u, hulls[:, 3].max() - low_v)
+    size = max((hulls[:, 2] - hulls[:, 0]).max(), (hulls[:, 3] - hulls[:, 1]).max(), span / 256, 1e-6)
+    cells = int(span / size) + 1
+    head = np.full(cells * cells, -1, dtype=np.int64)
+    following = np.empty(n, dtype=np.int64)
+    p, q = np.empty((4, 2)), np.empty((4, 2))
+    count = 0
+    for i in order:
+        if count == max_kept:
+            break
+        # Two hulls that overlap have centres less than one cell apart.
+        cu = int((0.5 * (hulls[i, 0] + hulls[i, 2]) - low_u) / size)
+        cv = int((0.5 * (hulls[i, 1] + hulls[i, 3]) - low_v) / size)
+        is_free = True
+        for nu in range(max(0, cu - 1), min(cells, cu + 2)):
+            for nv in range(max(0, cv - 1), min(cells, cv + 2)):
+                j = head[nu * cells + nv]
+                while j >= 0 and is_free:
+                    width = min(hulls[i, 2], hulls[j, 2]) - max(hulls[i, 0], hulls[j, 0])
+                    height = min(hulls[i, 3], hulls[j, 3]) - max(hulls[i, 1], hulls[j, 1])
+                    if width > 0 and height > 0:
+                        if rotated:
+                            is_free = _overlap(rectangles[j], rectangles[i], p, q) <= iou
+                        else:
+                            area_i = (hulls[i, 2] - hulls[i, 0]) * (hulls[i, 3] - hulls[i, 1])
+                            area_j = (hulls[j, 2] - hulls[j, 0]) * (hulls[j, 3] - hulls[j, 1])
+                            is_free = width * height / (area_i + area_j - width * height) <= iou
+                    j = following[j]
+        if is_free:
+            kept[count] = i
+            count += 1
+            following[i] = head[cu * cells + cv]
+            head[cu * cells + cv] = i
+    return kept[:count].copy()

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fl3d.errors import ConfigError
+from fl3d.geometry.boxes import standup
 from fl3d.geometry.iou import bev_and_3d_iou_cam, bev_iou, image_iou
 from fl3d.geometry.nms import nms
 
@@ -83,3 +84,19 @@ def test_nms_stops_at_the_maximum() -> None:
 def test_unknown_kind_of_nms_names_the_known_ones() -> None:
     with pytest.raises(ConfigError, match="rotated, standup"):
         nms(np.zeros((0, 5)), np.zeros(0), 0.1, "stand", 9)
+
+
+@pytest.mark.parametrize("kind", ["standup", "rotated"])
+@given(seed=st.integers(0, 2**31), spread=st.sampled_from([5.0, 60.0]), iou=st.sampled_from([0.0, 0.1, 0.5]))
+def test_nms_equals_its_plain_definition(kind: str, seed: int, spread: float, iou: float) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 60))
+    shape = (rng.uniform(-spread, spread, (n, 2)), rng.uniform(0.3, 6, (n, 2)), rng.uniform(-4, 4, (n, 1)))
+    rectangles, scores = np.concatenate(shape, axis=1), rng.random(n)
+    hulls = standup(rectangles)
+    overlap = bev_iou(rectangles, rectangles) if kind == "rotated" else image_iou(hulls, hulls)
+    kept: list[int] = []
+    for i in np.argsort(-scores):
+        if all(overlap[j, i] <= iou for j in kept):
+            kept.append(int(i))
+    assert nms(rectangles, scores, iou, kind, n).tolist() == kept

@@ -1,0 +1,59 @@
+"""Evaluate any folder of KITTI result files, whoever wrote them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from fl3d.data.label_table import read_table
+from fl3d.errors import DataError
+from fl3d.evaluation.average_precision import Curves, compare, evaluate
+from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
+
+FILE = re.compile(r"\d{6}\.txt")
+
+
+def evaluate_folder(labels: Path, results: Path, protocol: Protocol) -> tuple[Curves, int]:
+    """Evaluate the frames that have a result file; an empty file counts, a missing one leaves its frame out.
+
+    Args:
+        labels: folder of label files ``NNNNNN.txt``.
+        results: folder of result files ``NNNNNN.txt``; the results are taken as they are, neither cut nor suppressed.
+        protocol: overlaps and variant.
+
+    Returns:
+        the curves and the number of frames.
+
+    Raises:
+        DataError: a folder holds no such file, a label file is missing, or a line is malformed.
+    """
+    ids = result_ids(results)
+    gt, det = read_table(labels, ids, scored=False), read_table(results, ids, scored=True)
+    return evaluate(compare(gt, det, protocol)), len(ids)
+
+
+def result_ids(folder: Path) -> list[str]:
+    """Frames that have a file in a folder, in order.
+
+    Raises:
+        DataError: there is no such folder, or none of its files is named like a frame.
+    """
+    if not folder.is_dir():
+        raise DataError("no such folder", folder)
+    ids = sorted(path.stem for path in folder.iterdir() if FILE.fullmatch(path.name))
+    if not ids:
+        raise DataError("holds no file named NNNNNN.txt", folder)
+    return ids
+
+
+def curves_to_markdown(curves: Curves) -> str:
+    """R11 and R40 of every class and metric that has a ground truth, as Markdown."""
+    head = ["class", "metric", *(f"{average} {level}" for average in ("R11", "R40") for level in DIFFICULTIES)]
+    lines = ["| " + " | ".join(head) + " |", "|---|---|" + "---:|" * 6]
+    for name, metrics in curves.items():
+        for metric, levels in metrics.items():
+            if not any(curve.n_gt for curve in levels.values()):
+                continue
+            aps = [curve.ap_r11 for curve in levels.values()] + [curve.ap_r40 for curve in levels.values()]
+            lines.append("| " + " | ".join([name, metric, *(f"{ap:.4f}" for ap in aps)]) + " |")
+    return "\n".join(lines)

@@ -1,0 +1,36 @@
+"""Recall of boxes at 3D overlaps, for proposals and for final boxes (the report's Tables 1-5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl3d.data.label_table import NAMES, LabelTable
+from fl3d.evaluation.overlaps import Overlaps
+
+OVERLAPS = (0.1, 0.3, 0.5, 0.7, 0.9)
+
+
+def recall(
+    gt: LabelTable, overlaps: Overlaps, name: str = "Car", thresholds: Sequence[float] = OVERLAPS
+) -> NDArray[np.float64]:
+    """Share of ground truths that any box overlaps by more than each threshold in 3D.
+
+    Every label of the class counts, whatever its difficulty; every box counts, whatever its score.
+
+    Args:
+        gt: ground truths.
+        overlaps: of them and the boxes, see ``overlaps.find_overlaps``.
+        name: of the class.
+        thresholds: T overlaps.
+
+    Returns:
+        (T,) in 0..1; 0 where there is no ground truth.
+    """
+    best = np.zeros(len(gt.types))
+    owner = np.repeat(np.arange(len(gt.types)), np.diff(overlaps.offsets))
+    np.maximum.at(best, owner, overlaps.values[2])
+    best = best[gt.types == NAMES.index(name.lower())]
+    return np.array([(best > t).mean() if len(best) else 0.0 for t in thresholds])
