@@ -15,7 +15,10 @@ for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUM
     os.environ.setdefault(_name, "1")
 
 from fl3d.config import CONF, MAIN, check_overrides, compose_config  # noqa: E402
-from fl3d.errors import Fl3dError  # noqa: E402
+from fl3d.errors import ConfigError, Fl3dError, options  # noqa: E402
+
+# Hydra's own options that are followed by a value.
+HYDRA_VALUES = ("--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -35,10 +38,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def train(arguments: list[str]) -> None:
     """Train one trial, or with -m a sweep."""
     import hydra
+    from hydra.errors import HydraException
     from omegaconf import DictConfig
 
-    check_overrides([a for a in arguments if not a.startswith("-") and "=" in a])
+    check_overrides(_overrides(arguments))
     warnings.filterwarnings("ignore", message=".*hydra.*", category=DeprecationWarning)
+
+    ended: list[BaseException] = []
 
     @hydra.main(config_path=str(CONF), config_name=MAIN, version_base="1.3")
     def task(config: DictConfig) -> None:
@@ -51,12 +57,38 @@ def train(arguments: list[str]) -> None:
         hydra_config = HydraConfig.get()
         launcher = OmegaConf.to_container(hydra_config.launcher, resolve=True)
         assert isinstance(launcher, dict)
-        run_trials([(list(hydra_config.overrides.task), resolve(config))], {str(k): v for k, v in launcher.items()})
+        try:
+            run_trials([(list(hydra_config.overrides.task), resolve(config))], {str(k): v for k, v in launcher.items()})
+        except (Fl3dError, KeyboardInterrupt) as error:
+            ended.append(error)  # past Hydra, which would print a message of its own
 
     # Hydra would print an error and a hint of its own; with the full error on, ours comes through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     sys.argv = ["python -m fl3d", *arguments]
-    task()
+    try:
+        task()
+    except HydraException as error:
+        raise ConfigError(str(error).strip()) from None
+    if ended:
+        raise ended[0]
+
+
+def _overrides(arguments: list[str]) -> list[str]:
+    """The overrides among Hydra's arguments.
+
+    Raises:
+        ConfigError: an argument that is neither an option, nor KEY=VALUE, nor a command.
+    """
+    found: list[str] = []
+    rest = iter(arguments)
+    for argument in rest:
+        if argument in HYDRA_VALUES:
+            next(rest, None)
+        elif not argument.startswith("-"):
+            if "=" not in argument and not argument.startswith("~"):
+                raise ConfigError(f"'{argument}' is neither KEY=VALUE nor a command. {options(argument, COMMANDS)}")
+            found.append(argument)
+    return found
 
 
 def tables(arguments: list[str]) -> None:

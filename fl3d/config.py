@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -97,7 +98,7 @@ def check_overrides(overrides: Sequence[str]) -> None:
         ConfigError: the first override that does not fit.
     """
     parsed = [_parse(line) for line in overrides]
-    groups = {p.parent.relative_to(CONF).as_posix() for p in CONF.rglob("*.yaml")} - {"."}
+    groups = {Path(folder).relative_to(CONF).as_posix() for folder, _, files in _walk() if files} - {"."}
     chosen: list[str] = []
     keys: list[tuple[str, str]] = []
     for override in parsed:
@@ -117,6 +118,10 @@ def check_overrides(overrides: Sequence[str]) -> None:
             base = _compose(chosen)
             for line, key in keys:
                 _check_key(base, key, line, groups)
+
+
+def _walk() -> Iterator[tuple[str, list[str], list[str]]]:
+    return os.walk(CONF, followlinks=True)  # conf/sweep is a link to sweeps/
 
 
 def _parse(line: str) -> Override:

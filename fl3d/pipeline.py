@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import torch
 
 from fl3d.config import build, locate
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.prepare import PreparedData, prepare_data
-from fl3d.errors import ConfigError
+from fl3d.digests import digest
+from fl3d.errors import ConfigError, options
 from fl3d.evaluation.detections import Validation, read_detections, read_validation, to_labels
 from fl3d.evaluation.protocol import Protocol
 from fl3d.files import write_text
@@ -22,15 +24,17 @@ from fl3d.locks import locked
 from fl3d.provenance import provenance
 from fl3d.records import Config, StagePaths, Trial
 from fl3d.reports.figures import birds_eye
-from fl3d.reports.selection import select
+from fl3d.reports.selection import STAGES, select
 from fl3d.reports.tables import AP_COLUMNS, to_markdown
 from fl3d.reports.write import read_scores, tidy, write_results
 from fl3d.store import Store
+from fl3d.sweep.identity import result_config
 from fl3d.sweep.launchers.base import Launcher
 from fl3d.sweep.plan import DataInfo, Plan, make_plan
 from fl3d.sweep.progress import Progress
 from fl3d.sweep.recorder import Recorder
 from fl3d.sweep.scheduler import Outcome, Scheduler
+from fl3d.training.build import build_detector, build_optimizer
 from fl3d.training.trainer import VERSION as TRAINER_VERSION
 
 # Config sections that all trials of a sweep share: one dataset, one protocol, one store.
@@ -87,10 +91,27 @@ class Sweep:
         self.data = prepare_data(self.config["data"])
         targets = {config["detector"]["_target_"] for _, config in trials}
         self.detectors: dict[str, Any] = {target: locate(target, "detector._target_") for target in targets}
+        self._check(trials)
         self.plan = self._plan(trials)
         self.root = Path(self.config["store"]["root"])
         self.stages_root = self.root / "stages"
         self.store = Store(self.root, self.config["store"]["uri"])
+
+    def _check(self, trials: Trials) -> None:
+        """Refuse now what would fail after hours: values that no object takes, tables that cannot be made."""
+        for _, config in trials:
+            with torch.device("meta"):
+                build_optimizer(config, build_detector(config))
+        if self.config["sweep"]["tables"]:
+            points = [(c["detector"]["_target_"], c["loss"].get("gamma", 0.0), c["seed"]) for _, c in trials]
+            keys = {digest(result_config(config)) for _, config in trials}
+            if len(set(points)) < len(keys):
+                raise ConfigError(
+                    f"sweep.tables: Tables {', '.join(self.config['sweep']['tables'])} have one row for each detector "
+                    "and gamma (seeds are averaged); these trials differ in something else. Sweep it without +sweep."
+                )
+        if self.config["selection"]["stages"] not in STAGES:
+            raise ConfigError(f"selection.stages: {options(self.config['selection']['stages'], STAGES)}")
 
     def _plan(self, trials: Trials) -> Plan:
         versions = {"trainer": TRAINER_VERSION} | {t: d.VERSION for t, d in self.detectors.items()}
@@ -108,7 +129,11 @@ class Sweep:
         with locked(self.root / "lock", wait=False):
             self._freeze()
             recorder = self._recorder()
-            outcome = self._train(launcher, recorder)
+            try:
+                outcome = self._train(launcher, recorder)
+            except KeyboardInterrupt:
+                recorder.interrupt()
+                raise
             recorder.attach(self.report(), "results")
         outcome.check()
         return outcome
@@ -173,6 +198,7 @@ class Sweep:
             self.stages_root,
             validation,
             self.protocol,
+            self.config["selection"]["stages"],
             {target: detector.NAME for target, detector in self.detectors.items()},
             (self.names.results, self.data.digest),
             self.data.root,
@@ -196,7 +222,8 @@ class Sweep:
         if self.config["sweep"]["tables"]:
             written = write_report(self.config, scores, self.say)
         else:
-            self.say(summary(scores, {t.key: " ".join(t.overrides) for t in self.plan.trials}))
+            labels = {t.key: " ".join(t.overrides) for t in self.plan.trials}
+            self.say(summary(scores, labels, self.config["selection"]["stages"]))
         self.say("\nTo browse every checkpoint: make ui")
         return written
 
@@ -222,14 +249,10 @@ def _picture(
     return draw
 
 
-def stored_scores(store: Store, experiment: str, trials: set[str] | None, protocol: str | None) -> pd.DataFrame:
+def stored_scores(store: Store, experiment: str, trials: set[str], protocol: str) -> pd.DataFrame:
     """Tidy scores of an experiment, of some trials under one protocol."""
-    scores = tidy(store.read(experiment)) if store.exists else tidy(pd.DataFrame())
-    if trials is not None:
-        scores = scores[scores["trial"].isin(trials)]
-    if protocol is not None:
-        scores = scores[scores["protocol"] == protocol]
-    return scores.reset_index(drop=True)
+    raw = store.read(experiment) if store.exists else pd.DataFrame()
+    return tidy(raw, trials, protocol)
 
 
 def report_from_store(config: Config, say: Callable[[str], None] = print) -> None:
@@ -280,12 +303,12 @@ def _notes(config: Config) -> tuple[str, ...]:
     )
 
 
-def summary(scores: pd.DataFrame, labels: dict[str, str]) -> str:
+def summary(scores: pd.DataFrame, labels: dict[str, str], stages: str) -> str:
     """Last and best model of each trial, as Markdown."""
     head = ["trial", "model", "step", *AP_COLUMNS]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * 2 + "---:|" * 7]
     for rule in ("last", "best"):
-        for _, row in select(scores, rule).iterrows():
+        for _, row in select(scores, rule, stages).iterrows():
             aps = [f"{row[metric]:.2f}" for metric in AP_COLUMNS.values()]
             lines.append("| " + " | ".join([labels[row["trial"]] or row["trial"], rule, str(row["step"]), *aps]) + " |")
     return "\n" + "\n".join(lines)

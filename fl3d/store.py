@@ -106,13 +106,14 @@ class Store:
         """
         query = f"tags.`{TRIAL_TAG}` = '{trial}' and tags.`{PROTOCOL_TAG}` = '{protocol}'"
         found = self.client.search_runs([experiment], query, max_results=1)
-        if found:
-            return str(found[0].info.run_id)
         own = {TRIAL_TAG: trial, PROTOCOL_TAG: protocol, **tags}
-        run = self.client.create_run(experiment, tags=own, run_name=name)
-        items = [Param(key, str(value)) for key, value in params.items()]
+        run = found[0] if found else self.client.create_run(experiment, tags=own, run_name=name)
+        # A process that was killed right here leaves a run without some of its parameters.
+        items = [Param(key, str(value)) for key, value in params.items() if key not in run.data.params]
         for start in range(0, len(items), PARAMS_BATCH):
             self.client.log_batch(run.info.run_id, params=items[start : start + PARAMS_BATCH], synchronous=True)
+        if run.info.status not in ("RUNNING", "FINISHED"):
+            self.client.update_run(run.info.run_id, status="RUNNING")
         return str(run.info.run_id)
 
     def log(
@@ -144,8 +145,15 @@ class Store:
         self.client.log_inputs(run_id, [DatasetInput(dataset, [InputTag("mlflow.data.context", "validation")])])
 
     def log_model(
-        self, experiment: str, run_id: str, name: str, files: Sequence[Path], tags: Mapping[str, str]
-    ) -> tuple[str, bool]:
+        self,
+        experiment: str,
+        run_id: str,
+        name: str,
+        files: Sequence[Path],
+        tags: Mapping[str, str],
+        scored: Scored,
+        dataset: tuple[str, str],
+    ) -> str:
         """A logged model of a run under a name (``last``, ``best``), made at first use.
 
         Args:
@@ -153,23 +161,27 @@ class Store:
             run_id: of the trial.
             name: of the model.
             files: put beside it.
-            tags: its checkpoint; a model with other tags is replaced.
+            tags: its checkpoint; a model with other tags, or one that was never finished, is replaced.
+            scored: its scores.
+            dataset: name and digest of what it was scored on.
 
         Returns:
-            id of the model, and whether it was made now.
+            id of the model.
         """
         query = f"source_run_id = '{run_id}' AND name = '{name}'"
         for model in self.client.search_logged_models([experiment], query):
-            if all(model.tags.get(k) == v for k, v in tags.items()):
-                return str(model.model_id), False
+            is_same = all(model.tags.get(k) == v for k, v in tags.items())
+            if is_same and str(model.status) == "READY":
+                return str(model.model_id)
             self.client.delete_logged_model(model.model_id)
         made: LoggedModel = self.client.create_logged_model(
             experiment, name=name, source_run_id=run_id, tags=dict(tags), model_type="detector"
         )
         for file in files:
             self.client.log_model_artifact(made.model_id, str(file))
+        self.log(run_id, scored, str(made.model_id), dataset)
         self.client.finalize_logged_model(made.model_id, "READY")
-        return str(made.model_id), True
+        return str(made.model_id)
 
     def log_files(self, run_id: str, files: Iterable[Path], folder: str) -> None:
         """Put files beside a run; those of the same name are overwritten."""

@@ -36,6 +36,12 @@ def run(arguments: list[str]) -> str:
     return done.stdout
 
 
+def members(group: int) -> list[str]:
+    """Processes of a process group."""
+    done = subprocess.run(["pgrep", "-g", str(group)], capture_output=True, text=True, check=False)
+    return done.stdout.split()
+
+
 def tables(work: Path) -> dict[str, bytes]:
     folder = work / "results" / "simulated-tiny"
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
@@ -113,6 +119,9 @@ def test_interrupted_it_goes_on_to_the_same_tables(
         time.sleep(0.1)
     os.kill(process.pid, how)
     process.wait(timeout=60)
+    while members(process.pid):  # workers notice within seconds that their parent has gone
+        assert time.monotonic() < deadline, "workers outlive their parent"
+        time.sleep(0.2)
     said = run(command(tmp_path))
     assert "stages to train" in said
     assert tables(tmp_path) == tables(work)

@@ -77,6 +77,11 @@ def test_original_form_sums() -> None:
     assert loss.localization(torch.ones(3, 2), torch.zeros(3, 2)) == 6
 
 
+def test_the_codes_fixed_weight_of_the_regression_is_an_option() -> None:
+    loss = DetectionLoss(regression="square", regression_weight=0.02)
+    assert loss.localization(torch.ones(3, 2), torch.zeros(3, 2)) == pytest.approx(0.02 * 6)
+
+
 def test_smooth_l1_switches_at_one_over_sigma_squared() -> None:
     loss = DetectionLoss(regression="smooth_l1", sigma=3)
     assert loss.localization(torch.tensor([[0.1]]), torch.zeros(1, 1)) == pytest.approx(0.5 * 9 * 0.01)
@@ -94,3 +99,5 @@ def test_bad_values_are_named() -> None:
         DetectionLoss(regression="smooth")
     with pytest.raises(ConfigError, match=r"loss\.gamma"):
         DetectionLoss(gamma=-1)
+    with pytest.raises(ConfigError, match=r"loss\.gamma: 'abc'"):
+        DetectionLoss(gamma="abc")  # type: ignore[arg-type]

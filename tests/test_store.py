@@ -12,6 +12,14 @@ PARAMS = {f"key.{i}": i for i in range(150)}  # more than MLflow takes in one re
 APS = {"ap_3d/moderate": 50.0, "ap_3d/easy": 60.0}
 
 
+class Killed(BaseException):
+    """Stands for kill -9."""
+
+
+def killed(*_: object, **__: object) -> None:
+    raise Killed
+
+
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     store = Store(tmp_path_factory.mktemp("store"))
@@ -52,19 +60,53 @@ def test_models_carry_their_scores_and_are_made_once(store: Store, tmp_path: Pat
     store.link_dataset(run, "simulated", "abc", tmp_path)
     weights = tmp_path / "best.pt"
     weights.write_bytes(b"weights")
-    model, is_new = store.log_model(experiment, run, "best", [weights], {"step": "100"})
-    assert is_new
-    store.log(run, Scored(100, 1_000, APS), model, ("simulated", "abc"))
-    assert store.log_model(experiment, run, "best", [weights], {"step": "100"}) == (model, False)
-    newer, is_new = store.log_model(experiment, run, "best", [weights], {"step": "200"})
-    assert is_new
+    scored, data = Scored(100, 1_000, APS), ("simulated", "abc")
+    model = store.log_model(experiment, run, "best", [weights], {"step": "100"}, scored, data)
+    assert store.log_model(experiment, run, "best", [weights], {"step": "100"}, scored, data) == model
+    newer = store.log_model(experiment, run, "best", [weights], {"step": "200"}, scored, data)
     models = store.client.search_logged_models([experiment])
     assert [m.model_id for m in models] == [newer]
+    assert {metric.key: metric.value for metric in models[0].metrics} == APS
 
 
 def test_a_models_scores_do_not_double_the_runs(store: Store) -> None:
     frame = store.read("models")
     assert frame["step"].tolist() == [100]
+
+
+def test_what_a_kill_left_half_done_is_made_whole(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run without its parameters, and a model without its files."""
+    experiment = store.experiment("half", "")
+    log_batch = store.client.log_batch
+    monkeypatch.setattr(store.client, "log_batch", killed)
+    with pytest.raises(Killed):
+        store.run(experiment, "trial-a", "paper-1", "a", TAGS, PARAMS)
+    monkeypatch.setattr(store.client, "log_batch", log_batch)
+    run = store.run(experiment, "trial-a", "paper-1", "a", TAGS, PARAMS)
+    assert len(store.client.search_runs([experiment])) == 1
+    assert len(store.client.get_run(run).data.params) == len(PARAMS)
+
+    weights = tmp_path / "best.pt"
+    weights.write_bytes(b"weights")
+    arguments = (experiment, run, "best", [weights], {"step": "100"}, Scored(100, 1_000, APS), ("simulated", "abc"))
+    log_model_artifact = store.client.log_model_artifact
+    monkeypatch.setattr(store.client, "log_model_artifact", killed)
+    with pytest.raises(Killed):
+        store.log_model(*arguments)
+    monkeypatch.setattr(store.client, "log_model_artifact", log_model_artifact)
+    store.log_model(*arguments)
+    models = store.client.search_logged_models([experiment])
+    assert [str(m.status) for m in models] == ["READY"]
+
+
+def test_an_interrupted_run_is_opened_again(store: Store) -> None:
+    experiment = store.experiment("again", "")
+    run = store.run(experiment, "trial-a", "paper-1", "a", TAGS, {})
+    store.end(run, "KILLED")
+    assert store.run(experiment, "trial-a", "paper-1", "a", TAGS, {}) == run
+    assert store.client.get_run(run).info.status == "RUNNING"
 
 
 def test_an_unknown_sweep_is_an_empty_frame(store: Store) -> None:

@@ -9,7 +9,7 @@ PACKAGE = Path(fl3d.__file__).parent
 # From the ground up; rooms on one floor do not import each other.
 FLOORS = [
     {"errors"},
-    {"records", "files", "locks", "provenance"},
+    {"records", "files", "locks", "provenance", "digests"},
     {"geometry", "config"},
     {"data", "losses"},
     {"detectors", "evaluation"},

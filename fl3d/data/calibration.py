@@ -109,10 +109,7 @@ def read_calibration(path: Path) -> Calibration:
         values = rest.split()
         if len(values) != shape[0] * shape[1]:
             raise DataError(f"{name} needs {shape[0] * shape[1]} values, found {len(values)}", path, number)
-        try:
-            found[name] = np.array([float(v) for v in values]).reshape(shape)
-        except ValueError as error:
-            raise DataError(f"{name}: {error}", path, number) from None
+        found[name] = np.array([finite(v, name, path, number) for v in values]).reshape(shape)
     missing = [name for name in _SHAPES if name not in found]
     if missing:
         raise DataError(f"no line for {', '.join(missing)}", path)
@@ -126,6 +123,17 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     rows["Tr_imu_to_velo"] = np.eye(3, 4)
     lines = [f"{name}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n" for name, matrix in rows.items()]
     path.write_text("".join(lines))
+
+
+def finite(text: str, field: str, path: Path, line: int) -> float:
+    """A field as a finite number, or a DataError that names file, line and field."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise DataError(f"field '{field}': '{text}' is not a number", path, line) from None
+    if not np.isfinite(value):
+        raise DataError(f"field '{field}': '{text}' is not finite", path, line)
+    return value
 
 
 def read_lines(path: Path) -> list[str]:

@@ -118,14 +118,15 @@ class KittiFolder:
     def digest(self, frame_ids: Iterable[str]) -> str:
         """Identity of the data of some frames, wherever they lie.
 
-        Labels and calibrations enter in full; of a cloud its size and both ends (a full KITTI has 14 GB of
-        clouds), so a change in a cloud's middle that keeps its size goes unnoticed.
+        Labels, calibrations and the pictures' sizes (they decide the crop) enter in full; of a cloud its size and both
+        ends (a full KITTI has 14 GB of clouds), so a change in a cloud's middle that keeps its size goes unnoticed.
         """
         digest = hashlib.sha256()
         for frame_id in frame_ids:
-            digest.update(frame_id.encode())
+            digest.update(f"{frame_id} {self.image_size(frame_id)} ".encode())
             for kind in ("label_2", "calib"):
-                digest.update(_read_bytes(self.path(kind, frame_id)))
+                content = _read_bytes(self.path(kind, frame_id))
+                digest.update(f"{len(content)} ".encode() + content)
             cloud = self.path("velodyne", frame_id)
             if not cloud.exists():
                 raise DataError("no such file", cloud)

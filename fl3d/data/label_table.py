@@ -11,7 +11,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.labels import FIELDS, TYPES, Labels, finite
+from fl3d.data.calibration import finite
+from fl3d.data.labels import FIELDS, TYPES, Labels
 from fl3d.errors import DataError
 
 NAMES = tuple(name.lower() for name in TYPES)
@@ -95,6 +96,7 @@ def read_table(folder: Path, ids: Sequence[str], scored: bool) -> LabelTable:
     n_lines = int((buffer == 10).sum())
     fields = 16 if scored else 15
     short, slow, offsets, names, values = _parse(buffer, ends, n_lines, fields)
+    slow = slow[slow[:, 2] < len(values)]  # not those of a line that is cut short
     if not _fill_slow(buffer, slow, values):
         for start, end, row, field, frame, line in slow.tolist():  # most likely one is no number: say which
             values[row, field - 1] = finite(raw[start:end].decode("latin-1"), FIELDS[field], path(frame), line)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.calibration import read_lines
+from fl3d.data.calibration import finite, read_lines
 from fl3d.errors import DataError
 
 FIELDS = (
@@ -73,9 +73,11 @@ def read_labels(path: Path, scored: bool = False) -> Labels:
     """Read a KITTI label file (15 fields a line) or, ``scored``, a result file (16 fields).
 
     Raises:
-        DataError: names the file, line and field of anything that is missing or is not a finite number.
+        DataError: names the file, line and field of anything that is missing, is not a finite number, or, in a
+            label, is no value that KITTI has.
     """
     types: list[str] = []
+    lines: list[int] = []
     rows: list[list[float]] = []
     wanted = 16 if scored else 15
     for number, line in enumerate(read_lines(path), start=1):
@@ -86,19 +88,25 @@ def read_labels(path: Path, scored: bool = False) -> Labels:
             raise DataError(f"{wanted} fields expected, found {len(fields)}", path, number)
         types.append(fields[0])
         rows.append([finite(f, FIELDS[i], path, number) for i, f in enumerate(fields[1:wanted], start=1)])
+        lines.append(number)
     values = np.array(rows, dtype=np.float64).reshape(len(rows), wanted - 1)
-    return labels_from_columns(types, values, scored)
+    labels = labels_from_columns(types, values, scored)
+    if not scored:
+        _check(labels, lines, path)
+    return labels
 
 
-def finite(text: str, field: str, path: Path, line: int) -> float:
-    """A field as a finite number, or a DataError that names file, line and field."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise DataError(f"field '{field}': '{text}' is not a number", path, line) from None
-    if not np.isfinite(value):
-        raise DataError(f"field '{field}': '{text}' is not finite", path, line)
-    return value
+def _check(labels: Labels, lines: list[int], path: Path) -> None:
+    """Refuse label values that KITTI does not have; a region to be ignored (DontCare) has no values."""
+    real = np.char.lower(labels.types) != "dontcare" if len(labels) else np.zeros(0, dtype=bool)
+    rules = (
+        ("truncated", "lie in 0 to 1", (labels.truncated < 0) | (labels.truncated > 1)),
+        ("occluded", "be 0, 1, 2 or 3", (labels.occluded < 0) | (labels.occluded > 3)),
+        ("height, width, length", "be above 0", (labels.boxes_cam[:, 3:6] <= 0).any(axis=1)),
+    )
+    for field, must, wrong in rules:
+        if (wrong & real).any():
+            raise DataError(f"field '{field}' must {must}", path, lines[int(np.argmax(wrong & real))])
 
 
 def write_labels(path: Path, labels: Labels) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from fl3d.data.dataset import subset
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.simulator.generate import Settings, generate
+from fl3d.digests import digest
 from fl3d.errors import ConfigError, DataError
 from fl3d.records import Config
 
@@ -55,4 +56,4 @@ def prepare_data(data: Config) -> PreparedData:
     val = subset(folder.split(data["val_split"]), data["val_frames"], data["seed"])
     if not train or not val:
         raise DataError("a split without frames cannot be used", root / "ImageSets")
-    return PreparedData(root, tuple(train), tuple(val), folder.digest([*train, *val]))
+    return PreparedData(root, tuple(train), tuple(val), digest([folder.digest(train), folder.digest(val)])[:16])

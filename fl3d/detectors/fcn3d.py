@@ -49,7 +49,7 @@ class FCN3D(Detector):
     """
 
     NAME = "3D-FCN"
-    STAGES = ("warmup", "focal")
+    STAGES = ("warmup", "focal", "scratch")
 
     def __init__(
         self,

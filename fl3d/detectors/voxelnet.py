@@ -137,7 +137,7 @@ class VoxelNet(Detector):
     """
 
     NAME = "VoxelNet"
-    STAGES = ("warmup", "focal")
+    STAGES = ("warmup", "focal", "scratch")
 
     def __init__(
         self,

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import asdict, dataclass
 
+from fl3d.digests import digest
 from fl3d.errors import ConfigError, options
 from fl3d.evaluation import VERSION
 from fl3d.geometry.nms import KINDS
@@ -57,5 +56,4 @@ class Protocol:
     @property
     def id(self) -> str:
         """Identity of the scores it gives: name and hash of every value and of the evaluator's version."""
-        text = json.dumps([VERSION, asdict(self)], sort_keys=True)
-        return f"{self.name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+        return f"{self.name}-{digest([VERSION, asdict(self)])[:8]}"

@@ -96,15 +96,22 @@ def make_tables(scores: pd.DataFrame, stages: str = "last", notes: tuple[str, ..
 
 
 def _one_row_each(chosen: pd.DataFrame, number: str) -> pd.DataFrame:
-    """Rows by gamma; several trials of one gamma (seeds) are averaged, other twins are refused."""
-    twins = chosen[chosen.duplicated("gamma", keep=False)]
-    if len(twins):
-        differing = [c for c in ("lr", "alpha", "beta", "seed") if c in twins and twins[c].nunique() > 1]
-        raise ConfigError(
-            f"Table {number}: {len(twins)} trials share a gamma and differ in {', '.join(differing) or 'other keys'}; "
-            "the table has one row for each gamma, so sweep one thing at a time"
-        )
-    return chosen.sort_values("gamma").reset_index(drop=True)
+    """Rows by gamma; trials that differ in their seed alone are averaged, other twins are refused."""
+    rows = []
+    for gamma, twins in chosen.groupby("gamma", sort=True):
+        if twins["seed"].duplicated().any():
+            differing = [c for c in ("lr", "alpha", "beta", "eta") if twins[c].nunique() > 1]
+            raise ConfigError(
+                f"Table {number}: {len(twins)} trials with gamma {gamma:g} differ in "
+                f"{', '.join(differing) or 'other keys'}; "
+                "the table has one row for each gamma (seeds are averaged), so sweep one thing at a time"
+            )
+        row = twins.iloc[0].copy()
+        for metric in AP_COLUMNS.values():
+            row[metric] = twins[metric].mean()
+        row["step"] = "/".join(str(step) for step in sorted(twins["step"].unique()))
+        rows.append(row)
+    return pd.DataFrame(rows).reset_index(drop=True)
 
 
 def _baseline(chosen: pd.DataFrame) -> pd.Series | None:
@@ -123,12 +130,12 @@ def _ap_cells(row: pd.Series, base: pd.Series | None) -> list[Cell]:
 
 
 def _front_cells(row: pd.Series, detector: str) -> list[Cell]:
-    step = int(row["step"])
+    printed = "/".join(f"{int(s) / 1000:.0f}k" if int(s) >= 10_000 else s for s in row["step"].split("/"))
     lr = Cell(format_lr(float(row["lr"])), raw=f"{row['lr']:g}")
     return [
         Cell(detector),
         lr,
-        Cell(f"{step / 1000:.0f}k" if step >= 10_000 else str(step), raw=str(step)),
+        Cell(printed, raw=row["step"]),
         Cell(f"{row['gamma']:g}"),
     ]
 

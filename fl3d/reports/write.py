@@ -36,15 +36,21 @@ _NAMED = {
 }
 
 
-def tidy(raw: pd.DataFrame) -> pd.DataFrame:
+def tidy(raw: pd.DataFrame, trials: set[str] | None = None, protocol: str | None = None) -> pd.DataFrame:
     """Arrange what the store reads back: one row a trial and step, numbers as numbers, in a fixed order.
 
     Args:
         raw: see ``store.Store.read``.
+        trials: which to keep; None: all.
+        protocol: id of the scores to keep; None: all.
     """
     if raw.empty:
         return pd.DataFrame(columns=FRONT)
     named = raw.rename(columns=_NAMED)
+    if trials is not None:
+        named = named[named["trial"].isin(trials)]
+    if protocol is not None:
+        named = named[named["protocol"] == protocol]
     aps = sorted(str(column) for column in named if str(column).startswith("ap_"))
     frame = named[[*FRONT, *aps]].dropna(subset=aps).copy()
     texts = {"trial", "detector", "protocol"}
@@ -93,6 +99,8 @@ def write_results(
             path = folder / "tables" / f"table_{table.number}.{ending}"
             write_text(path, render(table))
             written.append(path)
+    for stale in set((folder / "tables").glob("table_*")) - set(written):
+        stale.unlink()  # of an earlier run with other trials: a folder shows one set of scores
     written += ap_over_steps(scores, folder / "figures" / "ap_over_steps")
     written += ap_over_gamma(scores, folder / "figures" / "ap_over_gamma")
     return tables, written

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
@@ -40,6 +38,7 @@ BOOKKEEPING = (
     "profile.*",
     "protocol.*",
     "schedule.save_every_steps",
+    "schedule.epochs.*",  # what the stages' own epochs are read from
     "sweep.*",
     "selection.*",
     "store.*",
@@ -75,16 +74,3 @@ def result_config(config: Config) -> Config:
                 node = node.setdefault(part, {})
             node[last] = value
     return kept
-
-
-def digest(value: Any) -> str:
-    """Hash of plain values: equal where they are equal, whatever the order of keys; 1 and 1.0 are equal."""
-    return hashlib.sha256(json.dumps(_canonical(value), sort_keys=True).encode()).hexdigest()
-
-
-def _canonical(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _canonical(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_canonical(item) for item in value]
-    return int(value) if isinstance(value, float) and value.is_integer() else value

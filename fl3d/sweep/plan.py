@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fl3d.digests import digest
 from fl3d.errors import ConfigError, options
 from fl3d.records import Config, Stage, Trial
-from fl3d.sweep.identity import digest, result_config
+from fl3d.sweep.identity import result_config
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ def trial_stages(
 ) -> list[Stage]:
     """The stages of one trial, first to last."""
     target = config["detector"]["_target_"]
+    _check_counts(config["schedule"])
     chain: list[Stage] = []
     for name, own in config["schedule"]["stages"].items():
         if name not in known_stages[target]:
@@ -99,6 +101,17 @@ def trial_stages(
     if not chain:
         raise ConfigError("schedule.stages: a trial needs at least one stage")
     return chain
+
+
+def _check_counts(schedule: Mapping[str, Any]) -> None:
+    """Refuse counts below one."""
+    counts = {key: schedule[key] for key in ("batch_size", "checkpoint_every", "frames_per_epoch")}
+    counts |= {f"stages.{name}.epochs": own.get("epochs") for name, own in schedule["stages"].items()}
+    for key, count in counts.items():
+        if (count is None and key != "frames_per_epoch") or (
+            count is not None and not (isinstance(count, int) and count >= 1)
+        ):
+            raise ConfigError(f"schedule.{key}: {count} is not a whole number of at least 1")
 
 
 def _epoch_steps(schedule: Mapping[str, Any], n_train: int) -> int:

@@ -7,10 +7,12 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import pandas as pd
+
 from fl3d.evaluation.detections import Validation
 from fl3d.evaluation.protocol import Protocol
 from fl3d.records import StagePaths, Trial
-from fl3d.reports.selection import MEAN_3D
+from fl3d.reports.selection import MEAN_3D, RULES, select
 from fl3d.store import Scored, Store
 from fl3d.sweep.identity import leaves, result_config
 from fl3d.sweep.plan import Plan
@@ -30,6 +32,7 @@ class Recorder:
         stages_root: folder of all stages.
         validation: frames that scores are on.
         protocol: of the scores.
+        selection: where ``best`` looks, see ``reports.selection.select``.
         names: of the detectors, by ``_target_``.
         dataset: name and digest of the data.
         data_root: where it lies.
@@ -45,6 +48,7 @@ class Recorder:
         stages_root: Path,
         validation: Validation,
         protocol: Protocol,
+        selection: str,
         names: Mapping[str, str],
         dataset: tuple[str, str],
         data_root: Path,
@@ -53,7 +57,7 @@ class Recorder:
     ) -> None:
         self.store, self.experiment, self.plan, self.stages_root = store, experiment, plan, stages_root
         self.validation, self.protocol, self.names, self.dataset = validation, protocol, names, dataset
-        self.picture = picture
+        self.picture, self.selection = picture, selection
         self.runs: dict[str, str] = {}
         self.logged: dict[str, set[int]] = {}
         self.finished: set[str] = set()
@@ -67,7 +71,7 @@ class Recorder:
     def _open(self, trial: Trial, tags: Mapping[str, str]) -> str:
         config = trial.config
         detector = self.names[config["detector"]["_target_"]]
-        gamma = config["loss"].get("gamma")
+        gamma = config["loss"].get("gamma", 0.0)
         last = self.plan.stages[trial.stages[-1]]
         own = {
             "detector": detector,
@@ -107,37 +111,49 @@ class Recorder:
     def _finish(self, trial: Trial) -> None:
         """Log the last and the best checkpoint as models, a picture and the config; close the run."""
         run = self.runs[trial.key]
-        paths = StagePaths(self.stages_root / trial.key)
-        steps = paths.steps()
-        means = {s: sum(_read_aps(paths, s, self.protocol)[k] for k in MEAN_3D) / 3 for s in steps}
-        best = max(steps, key=lambda s: (means[s], -s))
+        chosen = {rule: self._choose(trial, rule) for rule in RULES}
+        last = chosen["last"][1]
         with tempfile.TemporaryDirectory() as folder:
-            for rule, step in (("last", steps[-1]), ("best", best)):
-                self._log_model(trial, rule, step, Path(folder))
+            for rule, (stage, step) in chosen.items():
+                self._log_model(trial, rule, stage, step, Path(folder))
             config = Path(folder) / "config.json"
             config.write_text(json.dumps(trial.config, indent=1) + "\n")
             self.store.log_files(run, [config], "")
-            self.store.log_files(run, self.picture(trial, steps[-1], Path(folder)), "pictures")
-        tags = {"best_step": str(best), "last_step": str(steps[-1])}
-        self.store.set_tags(run, tags)
+            self.store.log_files(run, self.picture(trial, last, Path(folder)), "pictures")
+        self.store.set_tags(run, {f"{rule}_step": str(step) for rule, (_, step) in chosen.items()})
         self.store.end(run, "FINISHED")
         self.finished.add(trial.key)
 
-    def _log_model(self, trial: Trial, rule: str, step: int, folder: Path) -> None:
-        run, paths = self.runs[trial.key], StagePaths(self.stages_root / trial.key)
+    def _choose(self, trial: Trial, rule: str) -> tuple[str, int]:
+        """Stage and step of the checkpoint that a rule picks, by the rule that the tables use."""
+        rows = []
+        for key in trial.stages:
+            paths = StagePaths(self.stages_root / key)
+            rows += [{"stage": key, "step": s, **_read_aps(paths, s, self.protocol)} for s in paths.steps()]
+        first = self.plan.stages[trial.key].start_step
+        frame = pd.DataFrame(rows).assign(trial=trial.key, first_own_step=first)
+        row = select(frame, rule, self.selection).iloc[0]
+        return str(row["stage"]), int(row["step"])
+
+    def _log_model(self, trial: Trial, rule: str, stage: str, step: int, folder: Path) -> None:
+        run, paths = self.runs[trial.key], StagePaths(self.stages_root / stage)
         weights = folder / f"{rule}.pt"
-        save_state(weights, {"model": load_state(paths.weights(step))["model"], "stage": trial.key, "step": step})
-        tags = {"rule": rule, "stage": trial.key, "step": str(step), "protocol": self.protocol.id}
-        model, is_new = self.store.log_model(self.experiment, run, rule, [weights, paths.spec], tags)
-        if is_new:
-            scored = self._scored(paths, step)
-            aps = {k: v for k, v in scored.values.items() if k.startswith(("ap_", "mean_"))}
-            self.store.log(run, Scored(step, scored.time_ms, aps), model, self.dataset)
+        save_state(weights, {"model": load_state(paths.weights(step))["model"], "stage": stage, "step": step})
+        tags = {"rule": rule, "stage": stage, "step": str(step), "protocol": self.protocol.id}
+        scored = self._scored(paths, step)
+        aps = Scored(step, scored.time_ms, {k: v for k, v in scored.values.items() if k.startswith(("ap_", "mean_"))})
+        self.store.log_model(self.experiment, run, rule, [weights, paths.spec], tags, aps, self.dataset)
 
     def attach(self, files: list[Path], folder: str) -> None:
         """Put the sweep's tables and figures beside every trial."""
         for run in self.runs.values():
             self.store.log_files(run, files, folder)
+
+    def interrupt(self) -> None:
+        """Close the runs of trials that are not done; the next start opens them again."""
+        for trial in self.plan.trials:
+            if trial.key not in self.finished:
+                self.store.end(self.runs[trial.key], "KILLED")
 
     def fail(self, failed: set[str]) -> None:
         """Close the runs of trials that hold any of these stages as failed."""

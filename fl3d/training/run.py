@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
+import multiprocessing as mp
 import time
 import traceback
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import KittiFolder
-from fl3d.errors import CheckpointError, Fl3dError
+from fl3d.errors import CheckpointError, ConfigError, Fl3dError
 from fl3d.evaluation.detections import Validation, read_detections, read_validation, score, write_detections
 from fl3d.evaluation.protocol import Protocol
 from fl3d.files import write_text
@@ -49,6 +49,8 @@ def run_stage(folder: Path) -> None:
         Fl3dError: whatever went wrong; the traceback is left in ``error.txt``.
     """
     paths = StagePaths(folder)
+    if not paths.spec.exists():
+        raise ConfigError(f"{paths.spec}: no such file; a sweep writes it when it starts the stage")
     try:
         with locked(paths.lock):
             if not paths.done.exists():
@@ -82,16 +84,16 @@ class _Run:
         )
         self.timer = _Timer()
         self._shown = 0.0
-        self._parent_pid = os.getppid()
+        self._saved = -1  # step of the last whole checkpoint
+        self._parent = mp.parent_process()
 
     def run(self) -> None:
         self._restore()
+        self._checkpoint_if_due()  # stopped between an epoch's last step and its checkpoint
         while self.trainer.step < self.stage.end_step:
             with self.timer.measure("training"):
                 self.trainer.train_epoch(self._after_step)
-            own_epochs = self.trainer.epoch - self.stage.start_epoch
-            if own_epochs % self.schedule.checkpoint_every == 0 or self.trainer.step == self.stage.end_step:
-                self._checkpoint()
+            self._checkpoint_if_due()
         self._show(force=True)
         write_text(self.paths.done, json.dumps({"step": self.trainer.step}) + "\n")
         self.paths.resume.unlink(missing_ok=True)
@@ -111,6 +113,7 @@ class _Run:
     def _own_state(self) -> State | None:
         found = last_state(self.paths)
         state = found[0] if found else None
+        self._saved = found[1].step if found else -1
         if self.paths.resume.exists():
             try:
                 resume = load_state(self.paths.resume)
@@ -125,6 +128,14 @@ class _Run:
         every = self.schedule.save_every_steps
         if every and self.trainer.step % every == 0:
             save_state(self.paths.resume, self.trainer.state())
+
+    def _checkpoint_if_due(self) -> None:
+        epochs, rest = divmod(self.trainer.step - self.stage.start_step, self.stage.epoch_steps)
+        at_end = self.trainer.step == self.stage.end_step
+        is_due = rest == 0 and epochs > 0 and (epochs % self.schedule.checkpoint_every == 0 or at_end)
+        if is_due and self.trainer.step != self._saved:
+            self._checkpoint()
+            self._saved = self.trainer.step
 
     def _checkpoint(self) -> None:
         step, losses, lr = self.trainer.step, self.trainer.averages.means(), self.trainer.lr()
@@ -153,7 +164,7 @@ class _Run:
             self._shown = now
             done = self.trainer.step - self.stage.start_step
             write_text(self.paths.progress, json.dumps({"step": done, "steps": self.stage.steps}))
-            if os.getppid() != self._parent_pid:
+            if self._parent is not None and not self._parent.is_alive():
                 raise Fl3dError("the process that started this stage has ended; run the same command to go on")
 
 

@@ -128,11 +128,14 @@ class Trainer:
         Raises:
             CheckpointError: it is of another network.
         """
+        own = [{k: v for k, v in g.items() if k not in ("params", "lr")} for g in self.optimizer.param_groups]
         try:
             self.detector.load_state_dict(state["model"])
             self.optimizer.load_state_dict(state["optimizer"])
         except (RuntimeError, ValueError, KeyError) as error:
             raise CheckpointError(f"{self.stage.key}: the checkpoint is of another network: {error}") from None
+        for group, values in zip(self.optimizer.param_groups, own, strict=True):
+            group.update(values)  # moments come from the checkpoint, settings from this stage's config
         set_random_state(state["random"], self.device)
         self.step = state["step"]
         self.averages = Averages(**state["averages"])

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from fl3d.config import compose_config
 from fl3d.data.calibration import Calibration, read_calibration, write_calibration
 from fl3d.data.dataset import Frames, TargetRule, epoch_order, subset
 from fl3d.data.kitti import KittiFolder, read_cloud
@@ -24,9 +26,19 @@ def test_a_label_line_is_read_field_by_field(tmp_path: Path) -> None:
     assert labels.scores is None
 
 
+def test_the_same_frames_split_elsewhere_are_other_data(simulated: Path) -> None:
+    from fl3d.data.prepare import prepare_data
+
+    data = compose_config([f"data.root={simulated}", "data.generate=false", "data.train_frames=null"])["data"]
+    whole = prepare_data(data | {"val_frames": None}).digest
+    assert prepare_data(data | {"val_frames": None, "val_split": "train", "train_split": "val"}).digest != whole
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (LINE.replace("1.57", "-1.57"), "000000.txt:1: field 'height, width, length' must be above 0"),
+        (LINE.replace("Car 0.00 0", "Car 0.00 7"), "000000.txt:1: field 'occluded' must be 0, 1, 2 or 3"),
         (LINE + "Car 0.00 0 1.55 614.24\n", "000000.txt:2: 15 fields expected, found 5"),
         (LINE.replace("13.22", "nan"), "000000.txt:1: field 'z': 'nan' is not finite"),
         (LINE.replace("1.57", "tall"), "000000.txt:1: field 'height': 'tall' is not a number"),
@@ -153,6 +165,11 @@ def test_the_digest_knows_content_not_place(simulated: Path, tmp_path: Path) -> 
     copy = tmp_path / "copy"
     shutil.copytree(simulated, copy)
     assert KittiFolder(copy).digest(ids) == KittiFolder(simulated).digest(ids)
+    picture = copy / "training" / "image_2" / f"{ids[0]}.png"
+    picture.parent.mkdir()
+    Image.new("RGB", (1224, 370)).save(picture)
+    assert KittiFolder(copy).digest(ids) != KittiFolder(simulated).digest(ids)  # another size crops otherwise
+    picture.unlink()
     label = copy / "training" / "label_2" / f"{ids[0]}.txt"
     label.write_text(label.read_text() + LINE)
     assert KittiFolder(copy).digest(ids) != KittiFolder(simulated).digest(ids)

@@ -104,23 +104,31 @@ def test_the_earliest_of_equals_is_best() -> None:
 
 
 def test_equal_is_not_better() -> None:
-    frame = pd.DataFrame(
-        {"trial": ["a", "b"], "step": 1, "first_own_step": 0, "detector": "VoxelNet", "gamma": [0.0, 1.0]}
-    )
-    frame["lr"] = 0.1
+    frame = twins(gamma=[0.0, 1.0])
     for metric in AP_COLUMNS.values():
         frame[metric] = [50.0, 50.001]  # prints alike
     table = make_tables(frame)[0]
     assert not any(cell.bold for row in table.rows for cell in row)
 
 
-def test_twins_are_refused_by_what_they_differ_in() -> None:
-    frame = pd.DataFrame({"trial": ["a", "b"], "step": 1, "first_own_step": 0, "detector": "VoxelNet", "gamma": 0.0})
-    frame["seed"], frame["lr"] = [0, 1], 0.1
+def twins(**columns: object) -> pd.DataFrame:
+    """Two trials of VoxelNet with gamma = 0."""
+    plain = {"trial": ["a", "b"], "step": [800, 1000], "first_own_step": 0, "detector": "VoxelNet", "gamma": 0.0}
+    frame = pd.DataFrame(plain | {"seed": 0, "lr": 0.1, "alpha": 1.0, "beta": 1.0, "eta": 1.0} | columns)
     for metric in AP_COLUMNS.values():
-        frame[metric] = 1.0
-    with pytest.raises(ConfigError, match="differ in seed"):
-        make_tables(frame)
+        frame[metric] = [1.0, 2.0]
+    return frame
+
+
+def test_seeds_are_averaged() -> None:
+    tables = make_tables(twins(seed=[0, 1]))
+    assert [cell.text for cell in tables[0].rows[0]] == ["0", *["1.50"] * 6]
+    assert tables[1].rows[0][2].text == "800/1000"
+
+
+def test_twins_are_refused_by_what_they_differ_in() -> None:
+    with pytest.raises(ConfigError, match="differ in alpha"):
+        make_tables(twins(alpha=[1.0, 2.0]))
 
 
 def test_unknown_rules_are_named(scores: pd.DataFrame) -> None:
@@ -147,6 +155,12 @@ def test_figures_carry_their_data(scores: pd.DataFrame, tmp_path: Path) -> None:
     data = pd.read_csv(tmp_path / "figures" / "ap_over_gamma.csv")
     assert len(data) == 14
     assert data["ap_3d/moderate"].max() == pytest.approx(58.28)
+
+
+def test_a_folder_shows_one_set_of_scores(scores: pd.DataFrame, tmp_path: Path) -> None:
+    write_results(scores, tmp_path, "last", ())
+    write_results(scores[scores["detector"] == "VoxelNet"], tmp_path, "last", ())
+    assert sorted(path.name for path in (tmp_path / "tables").glob("*.md")) == ["table_III.md", "table_IV.md"]
 
 
 def test_missing_scores_say_what_to_do(tmp_path: Path) -> None:

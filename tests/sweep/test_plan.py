@@ -13,7 +13,7 @@ from fl3d.sweep.sweepers.grid import expand
 
 FCN, VOXELNET = "fl3d.detectors.fcn3d.FCN3D", "fl3d.detectors.voxelnet.VoxelNet"
 VERSIONS = {"trainer": 1, FCN: 1, VOXELNET: 1}
-STAGES = {FCN: ("warmup", "focal"), VOXELNET: ("warmup", "focal")}
+STAGES = dict.fromkeys((FCN, VOXELNET), ("warmup", "focal", "scratch"))
 KITTI = DataInfo("digest", 3712)
 GAMMAS = (0, 0.1, 0.2, 0.5, 1, 2, 5)
 
@@ -116,6 +116,19 @@ def test_an_unknown_stage_names_those_the_detector_offers() -> None:
     wrong["schedule"]["stages"]["focall"] = wrong["schedule"]["stages"].pop("focal")
     with pytest.raises(ConfigError, match=r"no stage 'focall'.*Did you mean 'focal'"):
         plan_of(wrong)
+
+
+@pytest.mark.parametrize("change", ["batch_size=0", "checkpoint_every=0", "frames_per_epoch=0", "epochs.focal=0"])
+def test_counts_below_one_are_refused(change: str) -> None:
+    with pytest.raises(ConfigError, match="not a whole number of at least 1"):
+        plan_of(config(f"schedule.{change}"))
+
+
+@pytest.mark.parametrize("schedule", ["two_phase", "from_scratch"])
+@pytest.mark.parametrize("profile", ["paper", "quick", "tiny"])
+def test_every_schedule_plans_under_every_profile(schedule: str, profile: str) -> None:
+    plan = plan_of(compose_config([f"schedule={schedule}", f"profile={profile}"]))
+    assert plan.epochs > 0
 
 
 def test_the_longest_path_counts_what_is_left() -> None:

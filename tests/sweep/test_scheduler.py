@@ -168,6 +168,14 @@ def test_a_killed_process_is_noticed_and_its_stage_goes_on(simulated: Path, tmp_
     launcher.launch = launch  # type: ignore[method-assign]
     outcome = sweep.run(launcher)
     assert len(outcome.trained) == 2
+    assert len(killed) == 1
+
+
+def test_local_stages_may_have_loader_workers(simulated: Path, tmp_path: Path) -> None:
+    from fl3d.sweep.launchers.local import LocalLauncher
+
+    outcome = small_sweep(simulated, tmp_path, POINTS[:1], "workers=1").run(LocalLauncher(1))
+    assert len(outcome.trained) == 2
 
 
 def test_two_sweeps_do_not_share_a_store_at_once(simulated: Path, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from fl3d.training.build import build_detector, build_optimizer, build_schedule
 from fl3d.training.checkpoints import last_state, load_state, read_marker
 from fl3d.training.reproducibility import prepare
 from fl3d.training.run import run_stage
-from fl3d.training.trainer import Trainer
+from fl3d.training.trainer import Trainer, detect_frames
 from tests.support import small_sweep, train
 
 GAMMA_2 = ["detector=voxelnet", "loss.gamma=2"]
@@ -108,6 +108,40 @@ def test_a_resumed_stage_equals_an_uninterrupted_one(
     for step_number in StagePaths(whole_root / key).steps():
         losses = [read_marker(StagePaths(root / key), step_number).losses for root in (whole_root, sweep.stages_root)]
         assert losses[0] == losses[1]
+
+
+@pytest.mark.parametrize("save_every", ["null", "2"])  # 2 steps are one epoch: a resume point at its very end
+@pytest.mark.parametrize("stop_at", [0, 1, 2, 3])
+def test_stopped_while_detecting_no_checkpoint_is_lost(
+    simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop_at: int, save_every: str
+) -> None:
+    """The way from an epoch's last step to its checkpoint is long: the stop comes within it."""
+    point = [*GAMMA_2, f"schedule.save_every_steps={save_every}"]
+    plan, whole_root = train(simulated, tmp_path / "whole", point)
+    passes = iter(range(100))
+
+    def detect(*arguments: object, **options: object) -> object:
+        if next(passes) == stop_at:
+            raise Stopped
+        return detect_frames(*arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("fl3d.training.run.detect_frames", detect)
+    with pytest.raises(Stopped):
+        train(simulated, tmp_path / "cut", point)
+    _, cut_root = train(simulated, tmp_path / "cut", point)
+    for key in plan.stages:
+        assert StagePaths(cut_root / key).steps() == StagePaths(whole_root / key).steps()
+        assert same_state(final_state(whole_root, key), final_state(cut_root, key))
+
+
+def test_a_stages_own_optimizer_settings_hold_after_the_fork(simulated: Path, tmp_path: Path) -> None:
+    """Moments come from the parent's checkpoint, settings from the stage's config."""
+    plain, root = train(simulated, tmp_path / "a", GAMMA_2)
+    decayed = ["+optimizer.weight_decay=0.0", "+schedule.stages.focal.set.optimizer.weight_decay=0.5"]
+    plan, other_root = train(simulated, tmp_path / "b", [*GAMMA_2, *decayed])
+    state = final_state(other_root, plan.trials[0].key)
+    assert state["optimizer"]["param_groups"][0]["weight_decay"] == 0.5
+    assert not same_state(state["model"], final_state(root, plain.trials[0].key)["model"])
 
 
 def test_loader_workers_do_not_change_a_bit(simulated: Path, tmp_path: Path) -> None:

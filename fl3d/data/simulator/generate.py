@@ -20,6 +20,7 @@ from fl3d.data.simulator.scene import random_scene
 from fl3d.data.simulator.sensor import CLUTTER, scan
 from fl3d.data.simulator.shapes import Shape
 from fl3d.files import write_text
+from fl3d.locks import locked
 
 # A pinhole camera like KITTI's left colour camera, 27 cm in front of the LiDAR and 8 cm above its origin.
 CALIBRATION = Calibration(
@@ -63,6 +64,13 @@ def generate(root: Path, settings: Settings) -> Path:
     manifest = folder / "manifest.json"
     if manifest.exists():
         return folder
+    with locked(root / f".{settings.name}.lock"):
+        if not manifest.exists():
+            _generate(folder, settings)
+    return folder
+
+
+def _generate(folder: Path, settings: Settings) -> None:
     shutil.rmtree(folder, ignore_errors=True)  # a generation that was interrupted
     for part in ("velodyne", "label_2", "calib"):
         (folder / "training" / part).mkdir(parents=True, exist_ok=True)
@@ -73,8 +81,8 @@ def generate(root: Path, settings: Settings) -> Path:
     ids = [f"{i:06d}" for i in range(total)]
     write_text(folder / "ImageSets" / "train.txt", "\n".join(ids[: settings.train]) + "\n")
     write_text(folder / "ImageSets" / "val.txt", "\n".join(ids[settings.train :]) + "\n")
-    write_text(manifest, json.dumps({"simulator": VERSION, **asdict(settings)}, indent=1) + "\n")
-    return folder
+    manifest = {"simulator": VERSION, **asdict(settings)}
+    write_text(folder / "manifest.json", json.dumps(manifest, indent=1) + "\n")
 
 
 def _write_frame(folder: Path, index: int, seed: int) -> None:

@@ -10,6 +10,8 @@ import signal
 import sys
 from pathlib import Path
 
+import torch
+
 import fl3d.detectors
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
 
@@ -42,11 +44,13 @@ class LocalLauncher(Launcher):
     """Each stage in a process of its own, forked from a server that has loaded torch once.
 
     Args:
-        slots: stages at once; None: as many as this process may use cores.
+        slots: stages at once; None: one a core, or, on CUDA, one a card.
+        device: that the stages run on.
     """
 
-    def __init__(self, slots: int | None = None) -> None:
-        self.slots = slots or len(os.sched_getaffinity(0))
+    def __init__(self, slots: int | None = None, device: str = "cpu") -> None:
+        cores = len(os.sched_getaffinity(0))
+        self.slots = slots or (cores if device == "cpu" else max(1, torch.cuda.device_count()))
         self._context = mp.get_context("forkserver")
         # All code is loaded now: what is edited while a sweep runs does not reach it.
         detectors = [f"fl3d.detectors.{module.name}" for module in pkgutil.iter_modules(fl3d.detectors.__path__)]
@@ -56,7 +60,7 @@ class LocalLauncher(Launcher):
 
     def launch(self, folder: Path) -> Job:
         """Start a process; what it prints goes to ``log.txt`` in the stage's folder."""
-        process = self._context.Process(target=_work, args=(folder,), daemon=True)
+        process = self._context.Process(target=_work, args=(folder,))
         process.start()
         return _Process(process)
 
