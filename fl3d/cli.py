@@ -98,9 +98,33 @@ def tables(arguments: list[str]) -> None:
         "overrides", nargs="*", help="as for training, such as +sweep=gamma profile=quick data=kitti_sample"
     )
     overrides = parser.parse_args(arguments).overrides
-    from fl3d.pipeline import report_from_store
+    from fl3d.results import report_from_store
 
     report_from_store(compose_config(overrides or ["+sweep=gamma"]))
+
+
+def rescore(arguments: list[str]) -> None:
+    """Score a sweep's stored detections again under other protocol values; no network is run.
+
+    Values with commas are compared: score_threshold=0,0.5,0.8,0.9 or nms_iou=0.1,0.5 nms_kind=standup,rotated.
+    """
+    parser = _parser("rescore", rescore.__doc__)
+    parser.add_argument("overrides", nargs="+", help="+sweep=NAME data=... profile=..., and KEY=VALUES of the protocol")
+    parser.add_argument("--metric", default="3d/moderate", help="of the printed table (default: 3d/moderate, R11)")
+    options = parser.parse_args(arguments)
+    from fl3d.rescore import KEYS, rescore_and_write
+    from fl3d.sweep.sweepers.grid import values_of
+
+    changes, rest = {}, []
+    for override in options.overrides:
+        key = override.partition("=")[0].removeprefix("protocol.")
+        if key in KEYS:
+            changes[key] = values_of(override)
+        else:
+            rest.append(override)
+    if not changes:
+        raise ConfigError(f"nothing to compare; give KEY=VALUE,VALUE with one of: {', '.join(KEYS)}")
+    rescore_and_write(compose_config(rest), changes, options.metric)
 
 
 def evaluate(arguments: list[str]) -> None:
@@ -173,6 +197,7 @@ def stage(arguments: list[str]) -> None:
 
 COMMANDS: dict[str, Callable[[list[str]], None]] = {
     "tables": tables,
+    "rescore": rescore,
     "evaluate": evaluate,
     "simulate": simulate,
     "ui": ui,

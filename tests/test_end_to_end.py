@@ -127,6 +127,25 @@ def test_interrupted_it_goes_on_to_the_same_tables(
     assert tables(tmp_path) == tables(work)
 
 
+def test_stored_detections_are_scored_again_under_any_cut(finished: tuple[Path, str]) -> None:
+    """At the sweep's own cut the digits are the sweep's; a cut above every score leaves nothing."""
+    work, _ = finished
+    places = command(work)[7:]
+    said = run(
+        [sys.executable, "-m", "fl3d", "rescore", "+sweep=gamma", "profile=tiny", *places, "score_threshold=0,0.3,1"]
+    )
+    assert "| γ | 0 | 0.3 | 1 |" in said
+    folder = work / "results" / "simulated-tiny" / "tables"
+    path = folder / "rescored_score_threshold.csv"
+    scores = pd.read_csv(path)
+    path.unlink()  # the tests after this one compare whole folders
+    assert len(scores) == 4 * 3
+    own = scores[(scores["score_threshold"] == 0) & (scores["detector"] == "3D-FCN")]
+    table = pd.read_csv(folder / "table_II.csv")
+    assert own["ap_3d/moderate"].round(2).tolist() == table["3d_moderate"].tolist()
+    assert (scores[scores["score_threshold"] == 1].filter(like="ap_").to_numpy() == 0).all()
+
+
 def test_a_single_trial_is_trained_by_plain_overrides(finished: tuple[Path, str]) -> None:
     """`python -m fl3d detector=voxelnet loss.gamma=2`: here both stages are reused from the sweep."""
     work, _ = finished

@@ -15,8 +15,8 @@ FLOORS = [
     {"detectors", "evaluation"},
     {"training"},
     {"store", "reports"},
-    {"sweep"},
-    {"pipeline"},
+    {"sweep", "results"},
+    {"pipeline", "rescore"},
     {"cli"},
     {"__main__"},
 ]

@@ -90,7 +90,7 @@ class Paired:
         ap: of the detector, R11 and R40.
         baseline: likewise.
         gain: their difference, likewise.
-        one_step: whether the gain in R11 is about one of its recall steps while R40 hardly moves.
+        one_step: whether the gain in R11 is about one of its recall steps while R40 gains less than half as much.
     """
 
     ap: tuple[Interval, Interval]
@@ -133,7 +133,8 @@ def paired_bootstrap(
         resamples.append(per_seed[drawn, np.arange(n_resamples)[:, None]].mean(axis=1))
     (a, b), (ra, rb) = values, resamples
     gain = _intervals(a - b, ra - rb, level)
-    step = abs(abs(gain[0].value) - R11_STEP) < R11_STEP / 2 and abs(gain[1].value) < R11_STEP / 4
+    r11, r40 = abs(gain[0].value), abs(gain[1].value)
+    step = R11_STEP / 2 < r11 < R11_STEP * 1.5 and r40 < r11 / 2
     return Paired(_intervals(a, ra, level), _intervals(b, rb, level), gain, step)
 
 

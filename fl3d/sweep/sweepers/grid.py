@@ -31,3 +31,12 @@ def expand(params: Mapping[str, object], arguments: Sequence[str]) -> tuple[list
         elif override.input_line is not None:
             fixed.append(override.input_line)
     return fixed, [list(point) for point in itertools.product(*axes)]
+
+
+def values_of(override: str) -> list[object]:
+    """The values of one override, swept or not: ``nms_iou=0.1,0.5`` -> [0.1, 0.5]."""
+    parsed = OverridesParser.create().parse_override(override)
+    value = parsed.value()
+    if not parsed.is_sweep_override():
+        return [value]
+    return list(parsed.sweep_iterator())

@@ -1,0 +1,115 @@
+"""Score stored detections of a sweep again, under other protocols: no network is run."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from tqdm import tqdm
+
+from fl3d.config import locate
+from fl3d.data.kitti import KittiFolder
+from fl3d.errors import ConfigError, StoreError, options
+from fl3d.evaluation.detections import Validation, read_detections, read_validation, score
+from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
+from fl3d.files import write_text
+from fl3d.records import Config, StagePaths
+from fl3d.results import names, results_folder
+
+KEYS = tuple(field.name for field in fields(Protocol) if field.name not in ("name", "overlaps"))
+
+
+def rescore(config: Config, changes: Mapping[str, Sequence[Any]]) -> pd.DataFrame:
+    """Scores of the last models of a sweep under every combination of changed protocol values.
+
+    Args:
+        config: names the sweep, its data and profile, and the protocol that is changed.
+        changes: values of protocol keys, such as ``{"score_threshold": [0, 0.8]}``.
+
+    Returns:
+        a row a trial and combination: detector, gamma, seed, step, the changed keys, and every AP.
+
+    Raises:
+        ConfigError: a key that no protocol has.
+        StoreError: the sweep was never run here.
+    """
+    for key in changes:
+        if key not in KEYS:
+            raise ConfigError(f"{key}: no key of a protocol. {options(key, KEYS)}")
+    root = Path(config["store"]["root"])
+    plan = names(config).plan(root)
+    if not plan.exists():
+        raise StoreError(f"{plan}: no such file; run the sweep first")
+    trials = [trial["key"] for trial in json.loads(plan.read_text())["trials"]]
+    combinations = [dict(zip(changes, values, strict=True)) for values in itertools.product(*changes.values())]
+    seen: dict[tuple[str, ...], Validation] = {}
+    rows = []
+    for key, combination in tqdm(list(itertools.product(trials, combinations)), unit="score", disable=None):
+        paths = StagePaths(root / "stages" / key)
+        if paths.done.exists():
+            rows.append({**_front(paths), **combination, **_score(paths, config, combination, seen)})
+    if not rows:
+        raise StoreError(f"{plan}: none of its trials is done")
+    return pd.DataFrame(rows).sort_values(["detector", "gamma", "seed"], kind="stable").reset_index(drop=True)
+
+
+def _front(paths: StagePaths) -> dict[str, Any]:
+    config = json.loads(paths.spec.read_text())["stage"]["config"]
+    detector = locate(config["detector"]["_target_"], "detector._target_").NAME
+    gamma = float(config["loss"].get("gamma", 0.0))
+    return {"detector": detector, "gamma": gamma, "seed": config["seed"], "step": paths.steps()[-1]}
+
+
+def _score(
+    paths: StagePaths, config: Config, combination: Mapping[str, Any], seen: dict[tuple[str, ...], Validation]
+) -> dict[str, float]:
+    spec = json.loads(paths.spec.read_text())
+    detections = read_detections(paths.detections(paths.steps()[-1]))
+    if detections.frame_ids not in seen:
+        data = spec["stage"]["config"]["data"]
+        folder = KittiFolder(Path(spec["machine"]["data_root"]), data["crop"], data["calibration"])
+        seen[detections.frame_ids] = read_validation(folder, detections.frame_ids)
+    protocol = Protocol(**{**config["protocol"], **combination})
+    return score(detections, seen[detections.frame_ids], protocol)
+
+
+def rescored_to_markdown(scores: pd.DataFrame, changes: Sequence[str], metric: str) -> str:
+    """AP over gamma (rows) and changed values (columns), a table for each detector; seeds are averaged."""
+    parts = []
+    for detector, own in scores.groupby("detector"):
+        wide = own.pivot_table(index="gamma", columns=list(changes), values=metric, aggfunc="mean")
+        heads = [", ".join(str(v) for v in (c if isinstance(c, tuple) else (c,))) for c in wide.columns]
+        lines = [f"**{detector}**, {metric}, last models; columns: {', '.join(changes)}", ""]
+        lines += ["| γ | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
+        lines += [
+            f"| {gamma:g} | " + " | ".join(f"{ap:.2f}" for ap in row) + " |"
+            for gamma, row in zip(wide.index, wide.to_numpy(), strict=True)
+        ]
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts)
+
+
+def rescore_and_write(
+    config: Config, changes: Mapping[str, Sequence[Any]], metric: str, say: Callable[[str], None] = print
+) -> None:
+    """Score again, print AP over gamma and changed values, and write all APs beside the sweep's tables.
+
+    Args:
+        config: see ``rescore``.
+        changes: see ``rescore``.
+        metric: such as ``3d/moderate`` (R11) or ``3d_r40/moderate``.
+        say: prints a line for the user.
+    """
+    possible = [f"{m}{average}/{level}" for m in METRICS for average in ("", "_r40") for level in DIFFICULTIES]
+    if metric not in possible:
+        raise ConfigError(f"--metric {metric}: {options(metric, possible)}")
+    scores = rescore(config, changes)
+    say(rescored_to_markdown(scores, list(changes), f"ap_{metric}"))
+    path = results_folder(config) / "tables" / f"rescored_{'_'.join(changes)}.csv"
+    write_text(path, scores.to_csv(index=False, lineterminator="\n"))
+    say(f"\nWritten to {path}, all APs.")

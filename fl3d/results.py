@@ -1,0 +1,108 @@
+"""The results of a sweep: what they are called, where they lie, and how they are made again from the store."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from fl3d.records import Config, StagePaths
+from fl3d.reports.selection import select
+from fl3d.reports.tables import AP_COLUMNS, to_markdown
+from fl3d.reports.write import read_scores, tidy, write_results
+from fl3d.store import Store
+
+
+@dataclass(frozen=True)
+class Names:
+    """What a sweep is called.
+
+    Args:
+        sweep: such as ``gamma``.
+        results: ``<data>-<profile>``.
+    """
+
+    sweep: str
+    results: str
+
+    @property
+    def experiment(self) -> str:
+        """Of MLflow."""
+        return f"{self.sweep}-{self.results}"
+
+    def plan(self, root: Path) -> Path:
+        """The frozen plan below a store's root: trials with their stages, and the protocol."""
+        return root / "plans" / f"{self.experiment}.json"
+
+
+def names(config: Config) -> Names:
+    """The names that a config gives."""
+    return Names(config["sweep"]["name"], f"{config['data']['name']}-{config['profile']['name']}")
+
+
+def stored_scores(store: Store, experiment: str, trials: set[str], protocol: str) -> pd.DataFrame:
+    """Tidy scores of an experiment, of some trials under one protocol."""
+    raw = store.read(experiment) if store.exists else pd.DataFrame()
+    return tidy(raw, trials, protocol)
+
+
+def report_from_store(config: Config, say: Callable[[str], None] = print) -> None:
+    """Make the tables of a sweep again: from the store where it holds the sweep, else from ``scores.csv``.
+
+    Raises:
+        StoreError: neither has scores.
+    """
+    called = names(config)
+    root = Path(config["store"]["root"])
+    frozen = called.plan(root)
+    scores = pd.DataFrame()
+    if frozen.exists():
+        plan = json.loads(frozen.read_text())
+        store = Store(root, config["store"]["uri"])
+        done = {t["key"] for t in plan["trials"] if StagePaths(root / "stages" / t["key"]).done.exists()}
+        scores = stored_scores(store, called.experiment, done, plan["protocol"])
+    if scores.empty:
+        path = results_folder(config) / "scores.csv"
+        scores = read_scores(path)
+        say(f"From {path} (the store holds no such sweep).\n")
+    write_report(config, scores, say)
+
+
+def results_folder(config: Config) -> Path:
+    """``results/<data>-<profile>``."""
+    return Path(config["results"]) / names(config).results
+
+
+def write_report(config: Config, scores: pd.DataFrame, say: Callable[[str], None]) -> list[Path]:
+    """Write a results folder and print its tables; returns every file written."""
+    folder = results_folder(config)
+    tables, written = write_results(scores, folder, config["selection"]["stages"], _notes(config))
+    for table in tables:
+        say("\n" + to_markdown(table))
+    say(f"Written to {folder}: " + ", ".join(str(path.relative_to(folder)) for path in written))
+    return written
+
+
+def _notes(config: Config) -> tuple[str, ...]:
+    protocol = config["protocol"]
+    overlaps = " / ".join(f"{v:g}" for v in protocol["overlaps"]["Car"])
+    area = protocol["ignore_beyond"]
+    limit = f"; cars beyond x {area[0]:g} to {area[2]:g} m, y {area[1]:g} to {area[3]:g} m ignored" if area else ""
+    return (
+        f"Data {config['data']['name']}, profile {config['profile']['name']}; Car, R11, overlaps {overlaps} "
+        f"(image / BEV / 3D); score cut {protocol['score_threshold']:g}, NMS {protocol['nms_iou']:g}{limit}.",
+    )
+
+
+def summary(scores: pd.DataFrame, labels: dict[str, str], stages: str) -> str:
+    """Last and best model of each trial, as Markdown."""
+    head = ["trial", "model", "step", *AP_COLUMNS]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * 2 + "---:|" * 7]
+    for rule in ("last", "best"):
+        for _, row in select(scores, rule, stages).iterrows():
+            aps = [f"{row[metric]:.2f}" for metric in AP_COLUMNS.values()]
+            lines.append("| " + " | ".join([labels[row["trial"]] or row["trial"], rule, str(row["step"]), *aps]) + " |")
+    return "\n" + "\n".join(lines)
