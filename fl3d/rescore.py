@@ -83,7 +83,7 @@ def rescored_to_markdown(scores: pd.DataFrame, changes: Sequence[str], metric: s
     parts = []
     for detector, own in scores.groupby("detector"):
         wide = own.pivot_table(index="gamma", columns=list(changes), values=metric, aggfunc="mean")
-        heads = [", ".join(str(v) for v in (c if isinstance(c, tuple) else (c,))) for c in wide.columns]
+        heads = [", ".join(map(_plain, c if isinstance(c, tuple) else (c,))) for c in wide.columns]
         lines = [f"**{detector}**, {metric}, last models; columns: {', '.join(changes)}", ""]
         lines += ["| γ | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
         lines += [
@@ -92,6 +92,10 @@ def rescored_to_markdown(scores: pd.DataFrame, changes: Sequence[str], metric: s
         ]
         parts.append("\n".join(lines))
     return "\n\n".join(parts)
+
+
+def _plain(value: object) -> str:
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
 def rescore_and_write(
