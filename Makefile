@@ -18,7 +18,7 @@ export OMP_NUM_THREADS := 1
 
 help:  ## list the targets
 	@echo "Targets (options: DATA=simulated|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|paper ARGS='...'):"
-	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16 | sed 's/^/  /; s/%/NAME/'
+	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/%/NAME/' | expand -t 16 | sed 's/^/  /'
 	@echo "Sweeps (make sweep-NAME):" $(basename $(notdir $(wildcard sweeps/*.yaml)))
 
 install: .venv/installed  ## make .venv with the pinned packages

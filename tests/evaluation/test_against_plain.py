@@ -11,7 +11,7 @@ from fl3d.evaluation.average_precision import compare, evaluate
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
 from tests.evaluation.plain import evaluate_plainly
 
-KINDS = ["Car", "Car", "Car", "Car", "car", "Van", "Pedestrian", "Person_sitting", "Cyclist", "Truck", "DontCare", "Boat"]
+KINDS = [*["Car"] * 4, "car", "Van", "Pedestrian", "Person_sitting", "Cyclist", "Truck", "DontCare", "Boat"]
 OVERLAPS = {"Car": (0.7, 0.5, 0.5), "Pedestrian": (0.5, 0.25, 0.25), "Cyclist": (0.5, 0.5, 0.25)}
 
 
