@@ -151,7 +151,10 @@ def evaluate(arguments: list[str]) -> None:
     print(f"{n_frames} frames, protocol {protocol.name} (variant {protocol.variant}); AP in percent\n")
     print(curves_to_markdown(curves))
     if options.json:
-        write_text(options.json, json.dumps(as_json(curves)) + "\n")
+        try:
+            write_text(options.json, json.dumps(as_json(curves)) + "\n")
+        except OSError as error:
+            raise ConfigError(f"--json {options.json}: cannot be written ({error.strerror})") from None
 
 
 def simulate(arguments: list[str]) -> None:

@@ -105,7 +105,7 @@ class Sweep:
             recorder = self._recorder()
             try:
                 outcome = self._train(launcher, recorder)
-            except KeyboardInterrupt:
+            except BaseException:
                 recorder.interrupt()
                 raise
             recorder.attach(self.report(), "results")

@@ -32,7 +32,7 @@ def rescore(config: Config, changes: Mapping[str, Sequence[Any]]) -> pd.DataFram
         changes: values of protocol keys, such as ``{"score_threshold": [0, 0.8]}``.
 
     Returns:
-        a row a trial and combination: detector, gamma, seed, step, the changed keys, and every AP.
+        a row a trial and combination: detector, gamma, seed, step, protocol, the changed keys (as text), every AP.
 
     Raises:
         ConfigError: a key that no protocol has.
@@ -47,12 +47,16 @@ def rescore(config: Config, changes: Mapping[str, Sequence[Any]]) -> pd.DataFram
         raise StoreError(f"{plan}: no such file; run the sweep first")
     trials = [trial["key"] for trial in json.loads(plan.read_text())["trials"]]
     combinations = [dict(zip(changes, values, strict=True)) for values in itertools.product(*changes.values())]
+    protocols = [Protocol(**{**config["protocol"], **combination}) for combination in combinations]
     seen: dict[tuple[str, ...], Validation] = {}
     rows = []
-    for key, combination in tqdm(list(itertools.product(trials, combinations)), unit="score", disable=None):
+    for key, (combination, protocol) in tqdm(
+        list(itertools.product(trials, zip(combinations, protocols, strict=True))), unit="score", disable=None
+    ):
         paths = StagePaths(root / "stages" / key)
         if paths.done.exists():
-            rows.append({**_front(paths), **combination, **_score(paths, config, combination, seen)})
+            changed = {name: _plain(value) for name, value in combination.items()}
+            rows.append({**_front(paths), "protocol": protocol.id, **changed, **_score(paths, protocol, seen)})
     if not rows:
         raise StoreError(f"{plan}: none of its trials is done")
     return pd.DataFrame(rows).sort_values(["detector", "gamma", "seed"], kind="stable").reset_index(drop=True)
@@ -65,16 +69,13 @@ def _front(paths: StagePaths) -> dict[str, Any]:
     return {"detector": detector, "gamma": gamma, "seed": config["seed"], "step": paths.steps()[-1]}
 
 
-def _score(
-    paths: StagePaths, config: Config, combination: Mapping[str, Any], seen: dict[tuple[str, ...], Validation]
-) -> dict[str, float]:
+def _score(paths: StagePaths, protocol: Protocol, seen: dict[tuple[str, ...], Validation]) -> dict[str, float]:
     spec = json.loads(paths.spec.read_text())
     detections = read_detections(paths.detections(paths.steps()[-1]))
     if detections.frame_ids not in seen:
         data = spec["stage"]["config"]["data"]
         folder = KittiFolder(Path(spec["machine"]["data_root"]), data["crop"], data["calibration"])
         seen[detections.frame_ids] = read_validation(folder, detections.frame_ids)
-    protocol = Protocol(**{**config["protocol"], **combination})
     return score(detections, seen[detections.frame_ids], protocol)
 
 
@@ -82,8 +83,8 @@ def rescored_to_markdown(scores: pd.DataFrame, changes: Sequence[str], metric: s
     """AP over gamma (rows) and changed values (columns), a table for each detector; seeds are averaged."""
     parts = []
     for detector, own in scores.groupby("detector"):
-        wide = own.pivot_table(index="gamma", columns=list(changes), values=metric, aggfunc="mean")
-        heads = [", ".join(map(_plain, c if isinstance(c, tuple) else (c,))) for c in wide.columns]
+        wide = own.pivot_table(index="gamma", columns=list(changes), values=metric, aggfunc="mean", sort=False)
+        heads = [", ".join(c) if isinstance(c, tuple) else str(c) for c in wide.columns]
         lines = [f"**{detector}**, {metric}, last models; columns: {', '.join(changes)}", ""]
         lines += ["| γ | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
         lines += [
@@ -113,7 +114,10 @@ def rescore_and_write(
     if metric not in possible:
         raise ConfigError(f"--metric {metric}: {options(metric, possible)}")
     scores = rescore(config, changes)
+    overlaps = " / ".join(f"{v:g}" for v in config["protocol"]["overlaps"]["Car"])
+    say(f"Car, protocol {config['protocol']['name']}, overlaps {overlaps} (image / BEV / 3D)\n")
     say(rescored_to_markdown(scores, list(changes), f"ap_{metric}"))
-    path = results_folder(config) / "tables" / f"rescored_{'_'.join(changes)}.csv"
+    called = f"rescored_{config['sweep']['name']}_{config['protocol']['name']}_{'_'.join(changes)}.csv"
+    path = results_folder(config) / "tables" / called
     write_text(path, scores.to_csv(index=False, lineterminator="\n"))
     say(f"\nWritten to {path}, all APs.")

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from fl3d.errors import StoreError
+from fl3d.evaluation.protocol import Protocol
 from fl3d.records import Config, StagePaths
 from fl3d.reports.selection import select
 from fl3d.reports.tables import AP_COLUMNS, to_markdown
@@ -62,13 +64,28 @@ def report_from_store(config: Config, say: Callable[[str], None] = print) -> Non
     if frozen.exists():
         plan = json.loads(frozen.read_text())
         store = Store(root, config["store"]["uri"])
+        protocol = Protocol(**config["protocol"]).id
         done = {t["key"] for t in plan["trials"] if StagePaths(root / "stages" / t["key"]).done.exists()}
-        scores = stored_scores(store, called.experiment, done, plan["protocol"])
+        scores = stored_scores(store, called.experiment, done, protocol)
     if scores.empty:
         path = results_folder(config) / "scores.csv"
         scores = read_scores(path)
+        scores = of_protocol(scores, Protocol(**config["protocol"]).id, path)
         say(f"From {path} (the store holds no such sweep).\n")
     write_report(config, scores, say)
+
+
+def of_protocol(scores: pd.DataFrame, protocol: str, source: Path) -> pd.DataFrame:
+    """Scores of one protocol.
+
+    Raises:
+        StoreError: there are none; the message names those there are.
+    """
+    own = scores[scores["protocol"] == protocol]
+    if own.empty:
+        there = ", ".join(sorted(scores["protocol"].unique()))
+        raise StoreError(f"{source}: no scores under protocol {protocol}, only {there}; run the sweep with it first")
+    return own.reset_index(drop=True)
 
 
 def results_folder(config: Config) -> Path:

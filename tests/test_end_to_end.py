@@ -127,6 +127,26 @@ def test_interrupted_it_goes_on_to_the_same_tables(
     assert tables(tmp_path) == tables(work)
 
 
+def test_tables_of_a_protocol_that_was_never_scored_are_refused(finished: tuple[Path, str]) -> None:
+    """Never one protocol's AP under another's name."""
+    work, _ = finished
+    arguments = [
+        sys.executable,
+        "-m",
+        "fl3d",
+        "tables",
+        "+sweep=gamma",
+        "profile=tiny",
+        "protocol=kitti",
+        *command(work)[7:],
+    ]
+    before = tables(work)
+    done = subprocess.run(arguments, capture_output=True, text=True, cwd=ROOT, check=False, timeout=120)
+    assert done.returncode == 1
+    assert "no scores under protocol kitti-" in done.stderr
+    assert tables(work) == before
+
+
 def test_stored_detections_are_scored_again_under_any_cut(finished: tuple[Path, str]) -> None:
     """At the sweep's own cut the digits are the sweep's; a cut above every score leaves nothing."""
     work, _ = finished
@@ -136,7 +156,7 @@ def test_stored_detections_are_scored_again_under_any_cut(finished: tuple[Path, 
     )
     assert "| γ | 0 | 0.3 | 1 |" in said
     folder = work / "results" / "simulated-tiny" / "tables"
-    path = folder / "rescored_score_threshold.csv"
+    path = folder / "rescored_gamma_paper_score_threshold.csv"
     scores = pd.read_csv(path)
     path.unlink()  # the tests after this one compare whole folders
     assert len(scores) == 4 * 3

@@ -128,7 +128,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
 def finite(text: str, field: str, path: Path, line: int) -> float:
     """A field as a finite number, or a DataError that names file, line and field."""
     try:
-        value = float(text)
+        value = float(text.replace("_", "?"))  # Python would read 1_0 as 10
     except ValueError:
         raise DataError(f"field '{field}': '{text}' is not a number", path, line) from None
     if not np.isfinite(value):

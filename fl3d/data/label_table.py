@@ -138,6 +138,8 @@ def _fill_slow(buffer: NDArray[np.uint8], slow: NDArray[np.int64], values: NDArr
     if not len(slow):
         return True
     texts = _gather(buffer, slow[:, 0].copy(), slow[:, 1].copy())
+    if (texts == ord("_")).any():
+        return False
     try:
         numbers = texts.view(f"S{texts.shape[1]}")[:, 0].astype(np.float64)
     except ValueError:
@@ -226,7 +228,7 @@ def _parse(
                         n_slow += 1
                 field += 1
             i += 1
-            if 0 < field < fields:
+            if 0 < field < fields or field > 16 or (fields == 16 and field > fields):
                 short[0], short[1], short[2] = frame, line, field
                 return short, slow[:n_slow], offsets, names[:row], values[:row]
             row += field > 0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fl3d.data.label_table import read_table
 from fl3d.errors import DataError
-from fl3d.evaluation.average_precision import Curves, compare, evaluate
+from fl3d.evaluation.average_precision import Curves, average_r11, average_r40, compare, evaluate
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
 
 FILE = re.compile(r"\d{6}\.txt")
@@ -56,4 +56,8 @@ def curves_to_markdown(curves: Curves) -> str:
                 continue
             aps = [curve.ap_r11 for curve in levels.values()] + [curve.ap_r40 for curve in levels.values()]
             lines.append("| " + " | ".join([name, metric, *(f"{ap:.4f}" for ap in aps)]) + " |")
+            similar = [curve.orientation for curve in levels.values() if curve.orientation is not None]
+            if similar:
+                aos = [average(samples) for average in (average_r11, average_r40) for samples in similar]
+                lines.append("| " + " | ".join([name, "orientation", *(f"{v:.4f}" for v in aos)]) + " |")
     return "\n".join(lines)

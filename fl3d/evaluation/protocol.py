@@ -52,6 +52,13 @@ class Protocol:
         for key, value, possible in choices:
             if value not in possible:
                 raise ConfigError(f"protocol.{key}: no choice '{value}'. {options(value, possible)}")
+        for key, number in (("score_threshold", self.score_threshold), ("nms_iou", self.nms_iou)):
+            if not isinstance(number, int | float) or not 0 <= number <= 1:
+                raise ConfigError(f"protocol.{key}: '{number}' is not a number from 0 to 1")
+        if not isinstance(self.max_detections, int) or self.max_detections < 1:
+            raise ConfigError(f"protocol.max_detections: '{self.max_detections}' is not a whole number of at least 1")
+        if self.ignore_beyond is not None and len(self.ignore_beyond) != 4:
+            raise ConfigError(f"protocol.ignore_beyond: {self.ignore_beyond} is not x0, y0, x1, y1")
 
     @property
     def id(self) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fl3d.config import CONF, compose_config
-from fl3d.errors import DataError
+from fl3d.errors import ConfigError, DataError
 from fl3d.evaluation.folders import evaluate_folder
 from fl3d.evaluation.protocol import Protocol
 
@@ -97,3 +97,27 @@ def test_boxes_without_extent_are_survived(folders: tuple[Path, Path]) -> None:
     (folders[1] / "000001.txt").write_text(DET.replace("1.73 4.15", "0.00 0.00") + DET.replace("1.73", "-1.73"))
     curves, _ = evaluate_folder(*folders, protocol("kitti"))
     assert curves["Car"]["3d"]["moderate"].tp.tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("protocol.score_threshold=abc", "protocol.score_threshold: 'abc' is not a number from 0 to 1"),
+        ("protocol.nms_iou=2", "protocol.nms_iou: '2' is not a number from 0 to 1"),
+        ("protocol.max_detections=0", "protocol.max_detections: '0' is not a whole number"),
+        ("protocol.variant=C", "protocol.variant: no choice 'C'"),
+        ("protocol.ignore_beyond=[1,2]", "protocol.ignore_beyond"),
+    ],
+)
+def test_values_that_no_protocol_has_are_named(override: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message.replace(".", r"\.")):
+        Protocol(**compose_config([override])["protocol"])
+
+
+def test_a_folder_that_cannot_be_written_to_is_named(folders: tuple[Path, Path]) -> None:
+    command = [sys.executable, "-m", "fl3d", "evaluate", *map(str, folders), "--json", "/proc/nowhere/x.json"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=CONF.parent, check=False)
+    assert done.returncode == 1
+    assert "cannot be written" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "| Car | orientation |" in done.stdout
