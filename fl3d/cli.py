@@ -127,6 +127,18 @@ def rescore(arguments: list[str]) -> None:
     rescore_and_write(compose_config(rest), changes, options.metric)
 
 
+def gains(arguments: list[str]) -> None:
+    """Say how sure a sweep's gains over gamma = 0 are: intervals over frames and seeds, from stored detections."""
+    parser = _parser("gains", gains.__doc__)
+    parser.add_argument("overrides", nargs="+", help="as for training, such as +sweep=gamma data=... profile=...")
+    parser.add_argument("--metric", default="3d/moderate", help="of the printed table (default: 3d/moderate)")
+    parser.add_argument("--average", default="R40", choices=("R11", "R40"), help="of the printed table (default: R40)")
+    options = parser.parse_args(arguments)
+    from fl3d.gains import gains_and_write
+
+    gains_and_write(compose_config(options.overrides), options.metric, options.average)
+
+
 def evaluate(arguments: list[str]) -> None:
     """Evaluate a folder of KITTI result files (NNNNNN.txt), whoever wrote them, by KITTI's official rules.
 
@@ -201,6 +213,7 @@ def stage(arguments: list[str]) -> None:
 COMMANDS: dict[str, Callable[[list[str]], None]] = {
     "tables": tables,
     "rescore": rescore,
+    "gains": gains,
     "evaluate": evaluate,
     "simulate": simulate,
     "ui": ui,

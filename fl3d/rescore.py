@@ -15,7 +15,7 @@ from tqdm import tqdm
 from fl3d.config import locate
 from fl3d.data.kitti import KittiFolder
 from fl3d.errors import ConfigError, StoreError, options
-from fl3d.evaluation.detections import Validation, read_detections, read_validation, score
+from fl3d.evaluation.detections import Detections, Validation, read_detections, read_validation, score
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
 from fl3d.files import write_text
 from fl3d.records import Config, StagePaths
@@ -41,42 +41,54 @@ def rescore(config: Config, changes: Mapping[str, Sequence[Any]]) -> pd.DataFram
     for key in changes:
         if key not in KEYS:
             raise ConfigError(f"{key}: no key of a protocol. {options(key, KEYS)}")
-    root = Path(config["store"]["root"])
-    plan = names(config).plan(root)
-    if not plan.exists():
-        raise StoreError(f"{plan}: no such file; run the sweep first")
-    trials = [trial["key"] for trial in json.loads(plan.read_text())["trials"]]
+    trials = finished_trials(config)
     combinations = [dict(zip(changes, values, strict=True)) for values in itertools.product(*changes.values())]
     protocols = [Protocol(**{**config["protocol"], **combination}) for combination in combinations]
     seen: dict[tuple[str, ...], Validation] = {}
     rows = []
-    for key, (combination, protocol) in tqdm(
+    for paths, (combination, protocol) in tqdm(
         list(itertools.product(trials, zip(combinations, protocols, strict=True))), unit="score", disable=None
     ):
-        paths = StagePaths(root / "stages" / key)
-        if paths.done.exists():
-            changed = {name: _plain(value) for name, value in combination.items()}
-            rows.append({**_front(paths), "protocol": protocol.id, **changed, **_score(paths, protocol, seen)})
-    if not rows:
-        raise StoreError(f"{plan}: none of its trials is done")
+        changed = {name: _plain(value) for name, value in combination.items()}
+        scores = score(*stored_with_validation(paths, seen), protocol)
+        rows.append({**front(paths), "protocol": protocol.id, **changed, **scores})
     return pd.DataFrame(rows).sort_values(["detector", "gamma", "seed"], kind="stable").reset_index(drop=True)
 
 
-def _front(paths: StagePaths) -> dict[str, Any]:
+def finished_trials(config: Config) -> list[StagePaths]:
+    """Last stages of the finished trials of a sweep.
+
+    Raises:
+        StoreError: the sweep was never run here, or none of its trials is done.
+    """
+    root = Path(config["store"]["root"])
+    plan = names(config).plan(root)
+    if not plan.exists():
+        raise StoreError(f"{plan}: no such file; run the sweep first")
+    paths = [StagePaths(root / "stages" / trial["key"]) for trial in json.loads(plan.read_text())["trials"]]
+    done = [one for one in paths if one.done.exists()]
+    if not done:
+        raise StoreError(f"{plan}: none of its trials is done")
+    return done
+
+
+def front(paths: StagePaths) -> dict[str, Any]:
+    """What a trial is: detector, gamma, seed and last step."""
     config = json.loads(paths.spec.read_text())["stage"]["config"]
     detector = locate(config["detector"]["_target_"], "detector._target_").NAME
     gamma = float(config["loss"].get("gamma", 0.0))
     return {"detector": detector, "gamma": gamma, "seed": config["seed"], "step": paths.steps()[-1]}
 
 
-def _score(paths: StagePaths, protocol: Protocol, seen: dict[tuple[str, ...], Validation]) -> dict[str, float]:
+def stored_with_validation(paths: StagePaths, seen: dict[tuple[str, ...], Validation]) -> tuple[Detections, Validation]:
+    """Detections of a trial's last checkpoint and the labels of their frames; ``seen`` keeps labels that were read."""
     spec = json.loads(paths.spec.read_text())
     detections = read_detections(paths.detections(paths.steps()[-1]))
     if detections.frame_ids not in seen:
         data = spec["stage"]["config"]["data"]
         folder = KittiFolder(Path(spec["machine"]["data_root"]), data["crop"], data["calibration"])
         seen[detections.frame_ids] = read_validation(folder, detections.frame_ids)
-    return score(detections, seen[detections.frame_ids], protocol)
+    return detections, seen[detections.frame_ids]
 
 
 def rescored_to_markdown(scores: pd.DataFrame, changes: Sequence[str], metric: str) -> str:

@@ -166,6 +166,19 @@ def test_stored_detections_are_scored_again_under_any_cut(finished: tuple[Path, 
     assert (scores[scores["score_threshold"] == 1].filter(like="ap_").to_numpy() == 0).all()
 
 
+def test_gains_come_with_intervals(finished: tuple[Path, str]) -> None:
+    work, _ = finished
+    said = run([sys.executable, "-m", "fl3d", "gains", "+sweep=gamma", "profile=tiny", *command(work)[7:]])
+    assert "gain over γ = 0" in said
+    folder = work / "results" / "simulated-tiny" / "tables"
+    table = pd.read_csv(folder / "gains_gamma_paper.csv")
+    own = table[(table["metric"] == "3d") & (table["average"] == "R11") & (table["detector"] == "3D-FCN")]
+    printed = pd.read_csv(folder / "table_II.csv")["3d_moderate"].tolist()
+    assert own[own["difficulty"] == "moderate"]["ap"].round(2).tolist() == printed
+    for path in folder.glob("*_gamma_paper.csv"):
+        path.unlink()  # the tests after this one compare whole folders
+
+
 def test_a_single_trial_is_trained_by_plain_overrides(finished: tuple[Path, str]) -> None:
     """`python -m fl3d detector=voxelnet loss.gamma=2`: here both stages are reused from the sweep."""
     work, _ = finished

@@ -17,6 +17,7 @@ FLOORS = [
     {"store", "reports"},
     {"sweep", "results"},
     {"pipeline", "rescore"},
+    {"gains"},
     {"cli"},
     {"__main__"},
 ]

@@ -17,7 +17,7 @@ from fl3d.data.label_table import table_from_labels
 from fl3d.data.labels import Labels
 from fl3d.data.projection import project_boxes
 from fl3d.errors import DataError
-from fl3d.evaluation.average_precision import compare, evaluate
+from fl3d.evaluation.average_precision import Comparison, compare, evaluate
 from fl3d.evaluation.protocol import Protocol
 from fl3d.files import write_atomically
 from fl3d.geometry.boxes import rectangles_velo
@@ -130,16 +130,13 @@ def to_labels(
     return labels.select(visible)
 
 
-def score(detections: Detections, validation: Validation, protocol: Protocol) -> dict[str, float]:
-    """AP of a checkpoint's detections of cars.
+def compare_stored(detections: Detections, validation: Validation, protocol: Protocol) -> Comparison:
+    """A checkpoint's detections of cars, cut and suppressed, held against the labels.
 
     Args:
         detections: as stored.
         validation: the same frames.
         protocol: what the AP stands for.
-
-    Returns:
-        ``{"ap_3d/moderate": ..., "ap_3d_r40/moderate": ..., ...}`` for image, bev and 3d; percent.
 
     Raises:
         DataError: the frames differ.
@@ -154,7 +151,16 @@ def score(detections: Detections, validation: Validation, protocol: Protocol) ->
         results.append(to_labels(boxes, scores, calibration, size, protocol))
         beyond.append(_beyond(validation.labels[index], calibration, protocol))
     gt, det = table_from_labels(validation.labels), table_from_labels(results)
-    curves = evaluate(compare(gt, det, protocol, np.concatenate(beyond)), ["Car"])["Car"]
+    return compare(gt, det, protocol, np.concatenate(beyond))
+
+
+def score(detections: Detections, validation: Validation, protocol: Protocol) -> dict[str, float]:
+    """AP of a checkpoint's detections of cars; arguments and errors as ``compare_stored``.
+
+    Returns:
+        ``{"ap_3d/moderate": ..., "ap_3d_r40/moderate": ..., ...}`` for image, bev and 3d; percent.
+    """
+    curves = evaluate(compare_stored(detections, validation, protocol), ["Car"])["Car"]
     scores_by_name = {}
     for metric, levels in curves.items():
         for difficulty, curve in levels.items():
