@@ -54,6 +54,43 @@ def sort_matches(n_gt: Int, hits: tuple[Float, Int], events: tuple[Float, Int, I
 
 
 @numba.njit(cache=True)
+def _best_scored(
+    own: Int,
+    overlap: Float,
+    flags: Flags,
+    scores: Float,
+    taken: NDArray[np.bool_],
+    touches: NDArray[np.bool_],
+    minimum: float,
+) -> int:
+    """Of a ground truth's detections the free one of the highest score, or -1; marks all that touch it."""
+    best = -1
+    for d, shared in zip(own, overlap):  # noqa: B905 - numba's zip takes no keyword
+        if flags[d] == -1 or not shared > minimum:
+            continue
+        touches[d] = True
+        if not taken[d] and (best < 0 or scores[d] > scores[best]):
+            best = d
+    return best
+
+
+@numba.njit(cache=True)
+def _most_overlapping(
+    own: Int, overlap: Float, flags: Flags, scores: Float, taken: NDArray[np.bool_], level: float, minimum: float
+) -> int:
+    """Of a ground truth's detections the free one of most overlap, or -1; one that counts goes first."""
+    best, best_overlap, best_ignored = -1, 0.0, False
+    for d, shared in zip(own, overlap):  # noqa: B905 - numba's zip takes no keyword
+        if flags[d] == -1 or taken[d] or scores[d] < level or not shared > minimum:
+            continue
+        if flags[d] == 0 and (shared > best_overlap or best_ignored):
+            best, best_overlap, best_ignored = d, shared, False
+        elif flags[d] == 1 and best < 0:
+            best, best_ignored = d, True
+    return best
+
+
+@numba.njit(cache=True)
 def match_frames(
     gt_offsets: Int,
     det_offsets: Int,
@@ -100,14 +137,9 @@ def match_frames(
             if gt_flags[g] == -1:
                 continue
             n_gt[frame] += gt_flags[g] == 0
-            best = -1
-            for k in range(pair_offsets[g], pair_offsets[g + 1]):
-                d = pair_detection[k]
-                if det_flags[d] == -1 or not overlap[k] > minimum:
-                    continue
-                touches[d] = True
-                if not taken[d] and (best < 0 or det_scores[d] > det_scores[best]):
-                    best = d
+            own = pair_detection[pair_offsets[g] : pair_offsets[g + 1]]
+            shared = overlap[pair_offsets[g] : pair_offsets[g + 1]]
+            best = _best_scored(own, shared, det_flags, det_scores, taken, touches, minimum)
             if best >= 0:
                 taken[best] = True
                 if gt_flags[g] == 0 and det_flags[best] == 0:
@@ -132,15 +164,9 @@ def match_frames(
             for g in range(g0, g1):
                 if gt_flags[g] == -1:
                     continue
-                best, best_overlap, best_ignored = -1, 0.0, False
-                for k in range(pair_offsets[g], pair_offsets[g + 1]):
-                    d = pair_detection[k]
-                    if det_flags[d] == -1 or taken[d] or det_scores[d] < level or not overlap[k] > minimum:
-                        continue
-                    if det_flags[d] == 0 and (overlap[k] > best_overlap or best_ignored):
-                        best, best_overlap, best_ignored = d, overlap[k], False
-                    elif det_flags[d] == 1 and best < 0:
-                        best, best_ignored = d, True
+                own = pair_detection[pair_offsets[g] : pair_offsets[g + 1]]
+                shared = overlap[pair_offsets[g] : pair_offsets[g + 1]]
+                best = _most_overlapping(own, shared, det_flags, det_scores, taken, level, minimum)
                 if best >= 0:
                     taken[best] = True
                     if gt_flags[g] == 0 and det_flags[best] == 0:
