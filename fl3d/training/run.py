@@ -20,7 +20,7 @@ from fl3d.files import write_text
 from fl3d.locks import locked
 from fl3d.records import Checkpoint, Config, Stage, StagePaths
 from fl3d.training.build import build_detector, build_optimizer, build_protocol, build_schedule
-from fl3d.training.checkpoints import State, last_state, load_state, read_marker, save_state, write_marker
+from fl3d.training.checkpoints import State, last_state, load_state, save_state, write_marker
 from fl3d.training.reproducibility import prepare
 from fl3d.training.trainer import Averages, Trainer, detect_frames
 
@@ -191,6 +191,3 @@ class _Timer:
     def take(self) -> dict[str, float]:
         seconds, self._seconds = self._seconds, {}
         return {name: round(value, 3) for name, value in seconds.items()}
-
-
-__all__ = ["read_marker", "run_stage", "write_scores", "write_spec"]
