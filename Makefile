@@ -14,7 +14,7 @@ OVERRIDES = data=$(DATA) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: help install sweep-% tables ui check format test test-slow clean
+.PHONY: help install sweep-% plan tables ui check format test test-slow test-slurm test-ray test-postgres clean
 
 help:  ## list the targets
 	@echo "Targets (options: DATA=simulated|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|paper ARGS='...'):"
@@ -54,6 +54,20 @@ test: check  ## everything but the slow campaigns
 
 test-slow: check  ## the slow campaigns too
 	$(BIN)/pytest -q
+
+test-slurm: .venv/installed  ## the launchers' contract on a real one-node SLURM, which is installed (as root) and started
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) '.[slurm]'
+	folder=$$(mktemp -d) && tests/services/slurm.sh start $$folder && \
+	{ SLURM_CONF=$$folder/slurm.conf $(BIN)/pytest -q tests/sweep/test_launchers.py -k slurm; code=$$?; \
+	  tests/services/slurm.sh stop $$folder; rm -rf $$folder; exit $$code; }
+
+test-ray: .venv/installed  ## the launchers' contract on a Ray cluster of three nodes, one of which is killed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) '.[ray]'
+	$(BIN)/pytest -q tests/sweep/test_launchers.py -k ray
+
+test-postgres: .venv/installed  ## the store on a real PostgreSQL and an MLflow server: eight writers, and outages
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) '.[postgres]'
+	folder=$$(mktemp -d) && FL3D_TEST_POSTGRES=$$folder $(BIN)/pytest -q tests/test_store_server.py
 
 clean:  ## remove .venv and caches; runs/ and data/ stay
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis

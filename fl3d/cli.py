@@ -49,16 +49,16 @@ def train(arguments: list[str]) -> None:
     @hydra.main(config_path=str(CONF), config_name=MAIN, version_base="1.3")
     def task(config: DictConfig) -> None:
         from hydra.core.hydra_config import HydraConfig
-        from omegaconf import OmegaConf
 
-        from fl3d.config import resolve
-        from fl3d.pipeline import run_trials
+        from fl3d.config import resolve, section
+        from fl3d.pipeline import run_sweep
+        from fl3d.sweep.sweepers.base import Point
+        from fl3d.sweep.sweepers.grid import Listed
 
-        hydra_config = HydraConfig.get()
-        launcher = OmegaConf.to_container(hydra_config.launcher, resolve=True)
-        assert isinstance(launcher, dict)
+        hydra = HydraConfig.get()
+        point = Point(tuple(hydra.overrides.task), resolve(config))
         try:
-            run_trials([(list(hydra_config.overrides.task), resolve(config))], {str(k): v for k, v in launcher.items()})
+            run_sweep(Listed([point]), section(hydra, "launcher"))
         except (Fl3dError, KeyboardInterrupt) as error:
             ended.append(error)  # past Hydra, which would print a message of its own
 
@@ -89,6 +89,17 @@ def _overrides(arguments: list[str]) -> list[str]:
                 raise ConfigError(f"'{argument}' is neither KEY=VALUE nor a command. {options(argument, COMMANDS)}")
             found.append(argument)
     return found
+
+
+def plan(arguments: list[str]) -> None:
+    """Show what a sweep would do: stages and what they share, what is done, time, FLOPs and disk. Trains nothing."""
+    parser = _parser("plan", plan.__doc__)
+    parser.add_argument("overrides", nargs="*", help="as for -m, such as +sweep=gamma profile=paper data=kitti")
+    overrides = parser.parse_args(arguments).overrides
+    from fl3d.config import multirun
+    from fl3d.preview import preview
+
+    preview(multirun(overrides or ["+sweep=gamma"]))
 
 
 def tables(arguments: list[str]) -> None:
@@ -139,6 +150,55 @@ def gains(arguments: list[str]) -> None:
     gains_and_write(compose_config(options.overrides), options.metric, options.average)
 
 
+def why(arguments: list[str]) -> None:
+    """Print the chain from a table's cell to its run, checkpoint, files and digests.
+
+    TABLE is II, III or IV; gamma=, detector= and seed= pick the row, other KEY=VALUE choose the sweep, as for tables.
+    Example: python -m fl3d why II gamma=2 3d/moderate data=simulated profile=quick
+    """
+    parser = _parser("why", why.__doc__)
+    parser.add_argument("table", metavar="TABLE")
+    parser.add_argument("rest", nargs="+", metavar="KEY=VALUE|METRIC", help="row, metric and sweep, in any order")
+    given = parser.parse_args(arguments)
+    from fl3d.evidence import why as trace
+
+    metrics = [one for one in given.rest if "=" not in one]
+    if len(metrics) != 1:
+        raise ConfigError(f"why: give one metric, such as 3d/moderate, not {' '.join(metrics) or 'none'}")
+    pairs = [one for one in given.rest if "=" in one]
+    row = {
+        key: value for key, _, value in (one.partition("=") for one in pairs) if key in ("gamma", "detector", "seed")
+    }
+    overrides = [one for one in pairs if one.partition("=")[0] not in row]
+    if not any(one.startswith("+sweep=") for one in overrides):
+        overrides = ["+sweep=gamma", *overrides]
+    trace(compose_config(overrides), given.table, row, metrics[0])
+
+
+def verify(arguments: list[str]) -> None:
+    """Score a sweep's stored checkpoints again and compare every digit with the store."""
+    parser = _parser("verify", verify.__doc__)
+    parser.add_argument("overrides", nargs="*", help="as for tables, such as +sweep=gamma profile=quick")
+    parser.add_argument("--from-weights", action="store_true", help="run the networks too, where weights were kept")
+    given = parser.parse_args(arguments)
+    from fl3d.evidence import verify as check
+
+    check(compose_config(given.overrides or ["+sweep=gamma"]), given.from_weights)
+
+
+def clean(arguments: list[str]) -> None:
+    """Show what the store can do without: weights beyond the retention rule, left-overs. Removes it with --yes only."""
+    parser = _parser("clean", clean.__doc__)
+    parser.add_argument("--root", type=Path, default=Path("runs"), help="folder of the store (default: runs)")
+    parser.add_argument("--keep-every", type=int, default=10, metavar="K", help="keep each K-th epoch; 0: none (10)")
+    parser.add_argument("--orphans", action="store_true", help="also stages that no sweep's plan names any more")
+    parser.add_argument("--yes", action="store_true", help="remove it")
+    given = parser.parse_args(arguments)
+    from fl3d.cleaning import clean as tidy
+
+    tidy(given.root, given.keep_every or None, given.yes, given.orphans)
+
+
 def evaluate(arguments: list[str]) -> None:
     """Evaluate a folder of KITTI result files (NNNNNN.txt), whoever wrote them, by KITTI's official rules.
 
@@ -185,7 +245,7 @@ def simulate(arguments: list[str]) -> None:
 def ui(arguments: list[str]) -> None:
     """Browse the store in MLflow's user interface, on this machine alone."""
     from fl3d.errors import StoreError
-    from fl3d.store import Store
+    from fl3d.store.tracking import Store
 
     parser = _parser("ui", ui.__doc__)
     parser.add_argument("--root", type=Path, default=Path("runs"), help="folder of the store (default: runs)")
@@ -211,9 +271,13 @@ def stage(arguments: list[str]) -> None:
 
 
 COMMANDS: dict[str, Callable[[list[str]], None]] = {
+    "plan": plan,
     "tables": tables,
     "rescore": rescore,
     "gains": gains,
+    "why": why,
+    "verify": verify,
+    "clean": clean,
     "evaluate": evaluate,
     "simulate": simulate,
     "ui": ui,

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hydra import compose, initialize_config_dir
+from hydra.core.config_loader import ConfigLoader
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
+from hydra.types import RunMode
 from hydra.utils import get_class, instantiate
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -50,6 +53,58 @@ def resolve(config: DictConfig) -> Config:
         container = OmegaConf.to_container(plain, resolve=True, throw_on_missing=True)
     except OmegaConfBaseException as error:
         raise ConfigError(str(error).splitlines()[0]) from None
+    assert isinstance(container, dict)
+    return {str(key): value for key, value in container.items()}
+
+
+@dataclass(frozen=True)
+class Multirun:
+    """What the command line of a sweep says.
+
+    Args:
+        sweeper: section of Hydra's config, with its ``_target_``.
+        launcher: likewise.
+        arguments: overrides of the task, swept ones among them.
+        compose: makes a resolved config of overrides.
+    """
+
+    sweeper: Config
+    launcher: Config
+    arguments: list[str]
+    compose: Callable[[Sequence[str]], Config]
+
+
+def multirun(overrides: Sequence[str]) -> Multirun:
+    """Read the command line of a sweep as Hydra's ``--multirun`` does, without running it.
+
+    Raises:
+        ConfigError: a group, option or key that does not exist.
+    """
+    check_overrides(overrides)
+    with _hydra():
+        loader = GlobalHydra.instance().config_loader()
+        try:
+            composed = loader.load_configuration(MAIN, list(overrides), RunMode.MULTIRUN)
+        except HydraException as error:
+            raise ConfigError(str(error).strip()) from None
+    return multirun_of(loader, composed, list(composed.hydra.overrides.task))
+
+
+def multirun_of(loader: ConfigLoader, composed: DictConfig, arguments: list[str]) -> Multirun:
+    """The same, from what Hydra hands to a sweeper."""
+
+    def compose_trial(overrides: Sequence[str]) -> Config:
+        try:
+            return resolve(loader.load_sweep_config(composed, list(overrides)))
+        except HydraException as error:
+            raise ConfigError(str(error).strip()) from None
+
+    return Multirun(section(composed.hydra, "sweeper"), section(composed.hydra, "launcher"), arguments, compose_trial)
+
+
+def section(hydra: Any, name: str) -> Config:
+    """A section of Hydra's own config, such as ``launcher``, resolved."""
+    container = OmegaConf.to_container(hydra[name], resolve=True)
     assert isinstance(container, dict)
     return {str(key): value for key, value in container.items()}
 

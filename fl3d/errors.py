@@ -7,6 +7,7 @@ Fl3dError
 ├── TrainingError      a stage that cannot go on (loss is not finite)
 ├── StageFailed        a stage of a sweep ended with an error; carries its traceback
 └── StoreError         the store is missing, locked or of another kind
+    └── StoreDown      the store cannot be reached now; the same call may go through later
 """
 
 from __future__ import annotations
@@ -54,6 +55,10 @@ class StageFailed(Fl3dError):
 
 class StoreError(Fl3dError):
     """The store is missing, locked or of another kind."""
+
+
+class StoreDown(StoreError):
+    """The store cannot be reached now; the same call may go through later."""
 
 
 def options(wrong: str, possible: Iterable[str]) -> str:

@@ -1,136 +1,113 @@
-"""Run a sweep from configs to tables."""
+"""Run a sweep from what a sweeper proposes to tables."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import torch
-
-from fl3d.config import build, locate
+from fl3d.config import build
 from fl3d.data.kitti import KittiFolder
-from fl3d.data.prepare import PreparedData, prepare_data
-from fl3d.digests import digest
-from fl3d.errors import ConfigError, options
+from fl3d.data.prepare import prepare_data
+from fl3d.errors import ConfigError
 from fl3d.evaluation.detections import Validation, read_detections, read_validation, to_labels
 from fl3d.evaluation.protocol import Protocol
 from fl3d.files import write_text
-from fl3d.locks import locked
-from fl3d.provenance import provenance
+from fl3d.leases import leased
+from fl3d.provenance import provenance, uncommitted
 from fl3d.records import Config, StagePaths, Trial
 from fl3d.reports.figures import birds_eye
-from fl3d.reports.selection import STAGES
-from fl3d.results import names, stored_scores, summary, write_report
-from fl3d.store import Store
-from fl3d.sweep.identity import result_config
+from fl3d.results import names, results_folder, stored_scores, summary, write_report
+from fl3d.store.tracking import Store
+from fl3d.sweep.conductor import Conductor
+from fl3d.sweep.cost import Costs
 from fl3d.sweep.launchers.base import Launcher
-from fl3d.sweep.plan import DataInfo, Plan, make_plan
+from fl3d.sweep.plan import DataInfo
+from fl3d.sweep.planner import Planner
 from fl3d.sweep.progress import Progress
 from fl3d.sweep.recorder import Recorder
 from fl3d.sweep.scheduler import Outcome, Scheduler
-from fl3d.training.build import build_detector, build_optimizer
-from fl3d.training.trainer import VERSION as TRAINER_VERSION
-
-# Config sections that all trials of a sweep share: one dataset, one protocol, one store.
-SHARED = ("data", "protocol", "store", "results", "device", "workers", "profile", "sweep", "selection")
-
-Trials = Sequence[tuple[Sequence[str], Config]]
+from fl3d.sweep.scoreboard import Scoreboard
+from fl3d.sweep.sweepers.base import Sweeper
 
 
 class Sweep:
     """A sweep on this machine.
 
     Args:
-        trials: overrides and resolved config of each.
+        sweeper: proposes its trials.
         say: prints a line for the user.
 
     Raises:
-        ConfigError: there are none, or they differ in what all must share.
+        ConfigError: there are no trials, or they cannot be run or tabulated.
         DataError: the data cannot be used.
     """
 
-    def __init__(self, trials: Trials, say: Callable[[str], None] = print) -> None:
-        if not trials:
+    def __init__(self, sweeper: Sweeper, say: Callable[[str], None] = print) -> None:
+        self.sweeper, self.config, self.say = sweeper, sweeper.base, say
+        if not self.config:
             raise ConfigError("a sweep needs at least one trial")
-        self.config = trials[0][1]
-        for key in SHARED:
-            if any(config[key] != self.config[key] for _, config in trials):
-                raise ConfigError(f"{key}: all trials of a sweep must share it; run one sweep for each value")
-        self.say = say
         self.names = names(self.config)
         self.protocol = Protocol(**self.config["protocol"])
-        self.data = prepare_data(self.config["data"])
-        targets = {config["detector"]["_target_"] for _, config in trials}
-        self.detectors: dict[str, Any] = {target: locate(target, "detector._target_") for target in targets}
-        self._check(trials)
-        self.plan = self._plan(trials)
         self.root = Path(self.config["store"]["root"])
         self.stages_root = self.root / "stages"
         self.store = Store(self.root, self.config["store"]["uri"])
-
-    def _check(self, trials: Trials) -> None:
-        """Refuse now what would fail after hours: values that no object takes, tables that cannot be made."""
-        for _, config in trials:
-            with torch.device("meta"):
-                build_optimizer(config, build_detector(config))
-        if self.config["sweep"]["tables"]:
-            points = [(c["detector"]["_target_"], c["loss"].get("gamma", 0.0), c["seed"]) for _, c in trials]
-            keys = {digest(result_config(config)) for _, config in trials}
-            if len(set(points)) < len(keys):
-                raise ConfigError(
-                    f"sweep.tables: Tables {', '.join(self.config['sweep']['tables'])} have one row for each detector "
-                    "and gamma (seeds are averaged); these trials differ in something else. Sweep it without +sweep."
-                )
-        if self.config["selection"]["stages"] not in STAGES:
-            raise ConfigError(f"selection.stages: {options(self.config['selection']['stages'], STAGES)}")
-
-    def _plan(self, trials: Trials) -> Plan:
-        versions = {"trainer": TRAINER_VERSION} | {t: d.VERSION for t, d in self.detectors.items()}
-        offered = {t: d.STAGES for t, d in self.detectors.items()}
-        info = DataInfo(self.data.digest, len(self.data.train_ids))
-        return make_plan(self.names.experiment, trials, info, versions, offered)
+        self.data = prepare_data(self.config["data"])
+        self.planner = Planner(self.config, DataInfo(self.data.digest, len(self.data.train_ids)))
+        self.plan = self.planner.plan(sweeper.first())
+        self.provenance = provenance()
 
     def run(self, launcher: Launcher) -> Outcome:
         """Train what is missing, score, and write tables.
 
         Raises:
-            StoreError: another process is running a sweep on this store.
+            StoreError: another process is running this sweep on this store, or the store cannot be reached.
             StageFailed: a stage failed; all others are trained and scored.
         """
-        with locked(self.root / "lock", wait=False):
+        with leased(self.names.plan(self.root).with_suffix(".lease"), wait=False):
+            self.store.open()
             self._freeze()
-            recorder = self._recorder()
+            scores = self._scoreboard()
+            recorder = self._recorder(scores)
             try:
-                outcome = self._train(launcher, recorder)
+                outcome, told = self._train(launcher, recorder, scores)
             except BaseException:
                 recorder.interrupt()
                 raise
-            recorder.attach(self.report(), "results")
+            recorder.attach(self.report(told), "results")
         outcome.check()
         return outcome
 
-    def _train(self, launcher: Launcher, recorder: Recorder) -> Outcome:
+    def _train(self, launcher: Launcher, recorder: Recorder, scores: Scoreboard) -> tuple[Outcome, str]:
+        costs = Costs(self.stages_root, len(self.data.val_ids))
         scheduler = self.scheduler(launcher)
-        todo = [key for key in self.plan.stages if not scheduler.paths(key).done.exists()]
+        scheduler.seconds = lambda stage: costs.cost(stage).seconds
+        self.sweeper.open(self.planner.key)
+        self._announce(launcher)
+
+        def grown() -> None:
+            self.plan = scheduler.plan
+            recorder.names = self.planner.detector_names()
+            self._freeze()
+
+        with Progress(self.plan, scheduler.paths, costs, launcher.slots) as progress:
+            recorder.say = progress.say
+            every = self.config["store"]["keep_every"]
+            conductor = Conductor(self.sweeper, self.planner, scheduler, recorder, scores, progress, grown, every)
+            outcome = conductor.run()
+        return outcome, self.sweeper.report(conductor.standings(), results_folder(self.config))
+
+    def _announce(self, launcher: Launcher) -> None:
+        if not self.plan.trials:
+            self.say(f"{self.names.experiment}: trials are proposed one by one, {launcher.slots} stages at once")
+            return
+        todo = [key for key in self.plan.stages if not StagePaths(self.stages_root / key).done.exists()]
         self.say(
             f"{self.names.experiment}: {len(self.plan.trials)} trials in {len(self.plan.stages)} stages, "
             f"{self.plan.epochs} epochs (without shared beginnings {self.plan.plain_epochs}); "
             + (f"{len(todo)} stages to train, {launcher.slots} at once" if todo else "everything is done")
         )
-        with Progress(self.plan, scheduler.paths) as progress:
-
-            def tick(running: list[Any]) -> None:
-                recorder.sync()
-                progress.tick(running)
-
-            scheduler.on_tick = tick
-            scheduler.on_failure = lambda stage, trace: progress.say(f"\n{stage.key} failed:\n{trace}")
-            outcome = scheduler.run()
-        recorder.fail({*outcome.failed, *outcome.blocked})
-        return outcome
 
     def scheduler(self, launcher: Launcher) -> Scheduler:
         """What trains the plan's stages; it knows nothing of the store."""
@@ -138,17 +115,14 @@ class Sweep:
 
     def _freeze(self) -> None:
         """Keep the plan, so that tables can be made of these trials later, whatever configs say then."""
-        content: Config = {
-            "trials": [{"key": t.key, "overrides": list(t.overrides), "stages": t.stages} for t in self.plan.trials]
-        }
-        content |= {"protocol": self.protocol.id}
-        write_text(self.names.plan(self.root), json.dumps(content, indent=1) + "\n")
+        trials = [{"key": t.key, "overrides": list(t.overrides), "stages": t.stages} for t in self.plan.trials]
+        write_text(self.names.plan(self.root), json.dumps({"trials": trials}, indent=1) + "\n")
 
     def machine(self) -> Config:
         """Settings of this machine, see ``training.run.write_spec``."""
         config = self.config
         return {
-            "data_root": str(self.data.root),
+            "data_root": str(self.data.root.absolute()),
             "train_ids": list(self.data.train_ids),
             "val_ids": list(self.data.val_ids),
             "device": config["device"],
@@ -156,32 +130,37 @@ class Sweep:
             "cache_frames": config["data"]["cache_frames"],
             "save_every_steps": config["schedule"]["save_every_steps"],
             "protocol": config["protocol"],
+            "provenance": self.provenance,
         }
 
-    def _recorder(self) -> Recorder:
-        self.store.open()
+    def _folder(self) -> KittiFolder:
+        return KittiFolder(self.data.root, self.config["data"]["crop"], self.config["data"]["calibration"])
+
+    def _scoreboard(self) -> Scoreboard:
+        return Scoreboard(self.stages_root, read_validation(self._folder(), self.data.val_ids), self.protocol)
+
+    def _recorder(self, scores: Scoreboard) -> Recorder:
         sweep = self.config["sweep"]
         note = f"{sweep['question'] or 'Trials started by hand.'}\n\nFeeds: {', '.join(sweep['tables']) or 'no table'}."
-        experiment = self.store.experiment(self.names.experiment, note)
-        folder = _folder(self.config, self.data)
-        validation = read_validation(folder, self.data.val_ids)
+        changes = uncommitted() if "fl3d.diff" in self.provenance else ""
         return Recorder(
             self.store,
-            experiment,
-            self.plan,
-            self.stages_root,
-            validation,
-            self.protocol,
+            self.store.experiment(self.names.experiment, note),
+            scores,
             self.config["selection"]["stages"],
-            {target: detector.NAME for target, detector in self.detectors.items()},
+            self.planner.detector_names(),
             (self.names.results, self.data.digest),
             self.data.root,
-            provenance(),
-            _picture(self.stages_root, folder, validation, self.protocol),
+            {**self.provenance, "fl3d.evaluator": scores.protocol.id},
+            {"uncommitted.patch": changes} if changes else {},
+            _picture(self.stages_root, self._folder(), scores.validation, self.protocol),
         )
 
-    def report(self) -> list[Path]:
+    def report(self, told: str = "") -> list[Path]:
         """Write and print the tables of the trials that are done, or, for trials that feed none, their scores.
+
+        Args:
+            told: what the sweeper itself has found.
 
         Returns:
             every file written.
@@ -198,12 +177,10 @@ class Sweep:
         else:
             labels = {t.key: " ".join(t.overrides) for t in self.plan.trials}
             self.say(summary(scores, labels, self.config["selection"]["stages"]))
+        if told:
+            self.say(told)
         self.say("\nTo browse every checkpoint: make ui")
         return written
-
-
-def _folder(config: Config, data: PreparedData) -> KittiFolder:
-    return KittiFolder(data.root, config["data"]["crop"], config["data"]["calibration"])
 
 
 def _picture(
@@ -223,13 +200,13 @@ def _picture(
     return draw
 
 
-def run_trials(trials: Trials, launcher: Config) -> None:
+def run_sweep(sweeper: Sweeper, launcher: Config) -> None:
     """What the command line starts: a sweep, or a single trial.
 
     Args:
-        trials: overrides and resolved config of each.
+        sweeper: proposes its trials.
         launcher: section of the config, with its ``_target_``.
     """
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     built: Launcher = build(launcher, "hydra.launcher")
-    Sweep(trials).run(built)
+    Sweep(sweeper).run(built)

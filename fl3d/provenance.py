@@ -2,29 +2,54 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import platform
 import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
-PACKAGES = ("torch", "numpy", "numba", "hydra-core", "mlflow")
+PACKAGES = ("torch", "numpy", "numba", "hydra-core", "optuna", "mlflow")
 
 
 def provenance() -> dict[str, str]:
-    """Tags for a run."""
-    tags = {"fl3d.version": version("fl3d"), "fl3d.machine": f"{platform.machine()} {platform.system()}"}
+    """Tags for a run: versions, commit, digest of what is not committed, and the machine."""
+    tags = {"fl3d.version": version("fl3d"), "fl3d.machine": machine()}
     tags["fl3d.packages"] = " ".join(f"{name}=={version(name)}" for name in PACKAGES)
-    commit = _git("rev-parse", "HEAD")
+    commit = _git("rev-parse", "HEAD").strip()
     if commit:
         tags["mlflow.source.git.commit"] = commit
-        tags["fl3d.dirty"] = str(bool(_git("status", "--porcelain"))).lower()
+        tags["fl3d.dirty"] = str(bool(_git("status", "--porcelain").strip())).lower()
+        changes = uncommitted()
+        if changes:
+            tags["fl3d.diff"] = hashlib.sha256(changes.encode()).hexdigest()[:16]
     return tags
+
+
+def uncommitted() -> str:
+    """Changes of tracked files since the last commit, as a patch; empty where there are none, or no git."""
+    return _git("diff", "HEAD", "--no-color", "--no-ext-diff")
+
+
+def machine() -> str:
+    """What results were computed on: host, processor, cores and system."""
+    cores = len(os.sched_getaffinity(0))
+    return f"{platform.node()}: {_processor()}, {cores} cores, {platform.system()} {platform.release()}"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.machine()
 
 
 def _git(*arguments: str) -> str:
     here = Path(__file__).resolve().parent
     try:
         done = subprocess.run(["git", *arguments], cwd=here, capture_output=True, text=True, timeout=10, check=True)
-    except (OSError, subprocess.SubprocessError):
+    except (OSError, UnicodeDecodeError, subprocess.SubprocessError):
         return ""
-    return done.stdout.strip()
+    return done.stdout

@@ -74,6 +74,7 @@ class Checkpoint:
         losses: mean of each loss term since the checkpoint before.
         seconds: of training since the checkpoint before, and of detection and scoring.
         sha256: of the weights file.
+        detections_sha256: of the detections file.
     """
 
     stage: str
@@ -83,6 +84,7 @@ class Checkpoint:
     losses: Mapping[str, float]
     seconds: Mapping[str, float]
     sha256: str
+    detections_sha256: str = ""
 
 
 @dataclass(frozen=True)
@@ -111,9 +113,9 @@ class StagePaths:
         return self.folder / "progress.json"
 
     @property
-    def lock(self) -> Path:
-        """Held by the process that trains it."""
-        return self.folder / "lock"
+    def lease(self) -> Path:
+        """Held by the process that trains it, see ``leases``."""
+        return self.folder / "lease.json"
 
     @property
     def error(self) -> Path:

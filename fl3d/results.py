@@ -14,8 +14,8 @@ from fl3d.evaluation.protocol import Protocol
 from fl3d.records import Config, StagePaths
 from fl3d.reports.selection import select
 from fl3d.reports.tables import AP_COLUMNS, to_markdown
-from fl3d.reports.write import read_scores, tidy, write_results
-from fl3d.store import Store
+from fl3d.reports.write import NAMED, read_scores, tidy, write_results
+from fl3d.store.tracking import Store
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Names:
         return f"{self.sweep}-{self.results}"
 
     def plan(self, root: Path) -> Path:
-        """The frozen plan below a store's root: trials with their stages, and the protocol."""
+        """The frozen plan below a store's root: trials with their stages."""
         return root / "plans" / f"{self.experiment}.json"
 
 
@@ -47,7 +47,7 @@ def names(config: Config) -> Names:
 
 def stored_scores(store: Store, experiment: str, trials: set[str], protocol: str) -> pd.DataFrame:
     """Tidy scores of an experiment, of some trials under one protocol."""
-    raw = store.read(experiment) if store.exists else pd.DataFrame()
+    raw = store.read(experiment, list(NAMED)) if store.exists else pd.DataFrame()
     return tidy(raw, trials, protocol)
 
 

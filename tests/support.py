@@ -9,6 +9,8 @@ from fl3d.pipeline import Sweep
 from fl3d.records import StagePaths
 from fl3d.sweep.launchers.inline import InlineLauncher
 from fl3d.sweep.plan import Plan
+from fl3d.sweep.sweepers.base import Point
+from fl3d.sweep.sweepers.grid import Listed
 
 SMALL = (
     "profile=tiny",
@@ -28,8 +30,8 @@ def small_config(simulated: Path, root: Path, *overrides: str) -> dict[str, Any]
 
 def small_sweep(simulated: Path, root: Path, points: Sequence[Sequence[str]], *common: str) -> Sweep:
     """A sweep over points, each a list of overrides."""
-    trials = [(list(point), small_config(simulated, root, *common, *point)) for point in points]
-    return Sweep(trials, say=lambda line: None)
+    listed = [Point(tuple(point), small_config(simulated, root, *common, *point)) for point in points]
+    return Sweep(Listed(listed), say=lambda line: None)
 
 
 def train(simulated: Path, root: Path, *points: Sequence[str]) -> tuple[Plan, Path]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fl3d.errors import StoreError
-from fl3d.store import Scored, Store
+from fl3d.store.tracking import Scored, Store
 
 TAGS = {"detector": "VoxelNet"}
 PARAMS = {f"key.{i}": i for i in range(150)}  # more than MLflow takes in one request
@@ -32,7 +32,7 @@ def test_scores_come_back_as_they_went_in(store: Store) -> None:
     run = store.run(experiment, "trial-a", "paper-1", "a", TAGS, PARAMS)
     store.log(run, Scored(100, 1_000, APS))
     store.log(run, Scored(200, 2_000, {"ap_3d/moderate": 0.1 + 0.2, "ap_3d/easy": 1e-9}))
-    frame = store.read("in-and-out")
+    frame = store.read("in-and-out", ["tags.detector", "params.key.149"])
     assert frame["step"].tolist() == [100, 200]
     assert frame["ap_3d/moderate"].tolist() == [50.0, 0.1 + 0.2]
     assert set(frame["tags.detector"]) == {"VoxelNet"}
@@ -70,7 +70,7 @@ def test_models_carry_their_scores_and_are_made_once(store: Store, tmp_path: Pat
 
 
 def test_a_models_scores_do_not_double_the_runs(store: Store) -> None:
-    frame = store.read("models")
+    frame = store.read("models", [])
     assert frame["step"].tolist() == [100]
 
 
@@ -110,7 +110,7 @@ def test_an_interrupted_run_is_opened_again(store: Store) -> None:
 
 
 def test_an_unknown_sweep_is_an_empty_frame(store: Store) -> None:
-    assert store.read("never").empty
+    assert store.read("never", []).empty
 
 
 def test_a_closed_run_is_known(store: Store) -> None:
@@ -122,7 +122,7 @@ def test_a_closed_run_is_known(store: Store) -> None:
 
 def test_a_uri_that_is_no_database_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="Possible: sqlite"):
-        Store(tmp_path, "http://somewhere")
+        Store(tmp_path, "ftp://somewhere")
 
 
 def test_the_default_store_is_a_file_in_wal_mode(store: Store) -> None:

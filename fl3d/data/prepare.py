@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fl3d.data.dataset import subset
 from fl3d.data.kitti import KittiFolder
-from fl3d.data.simulator.generate import Settings, generate
+from fl3d.data.simulator.generate import Settings, generate, is_whole
 from fl3d.digests import digest
 from fl3d.errors import ConfigError, DataError
 from fl3d.records import Config
@@ -30,6 +30,17 @@ class PreparedData:
     digest: str
 
 
+def is_prepared(data: Config) -> bool:
+    """Whether the frames are on disk: all but simulated ones are taken to be."""
+    return not data["generate"] or is_whole(Path(data["root"]), _settings(data))
+
+
+def _settings(data: Config) -> Settings:
+    if data["train_frames"] is None or data["val_frames"] is None:
+        raise ConfigError("data.train_frames, data.val_frames: a simulated dataset needs both numbers")
+    return Settings(data["train_frames"], data["val_frames"], data["seed"])
+
+
 def prepare_data(data: Config) -> PreparedData:
     """Find the frames, or simulate them where the config says so.
 
@@ -46,9 +57,7 @@ def prepare_data(data: Config) -> PreparedData:
         )
     root = Path(data["root"])
     if data["generate"]:
-        if data["train_frames"] is None or data["val_frames"] is None:
-            raise ConfigError("data.train_frames, data.val_frames: a simulated dataset needs both numbers")
-        root = generate(root, Settings(data["train_frames"], data["val_frames"], data["seed"]))
+        root = generate(root, _settings(data))
     elif not (root / "training").is_dir():
         raise DataError("is no KITTI folder: it holds no 'training'", root)
     folder = KittiFolder(root, data["crop"], data["calibration"])

@@ -25,7 +25,7 @@ FRONT = [
     "epoch",
     "step",
 ]
-_NAMED = {
+NAMED = {
     "tags.fl3d.trial": "trial",
     "tags.fl3d.protocol": "protocol",
     "tags.fl3d.first_own_step": "first_own_step",
@@ -40,13 +40,13 @@ def tidy(raw: pd.DataFrame, trials: set[str] | None = None, protocol: str | None
     """Arrange what the store reads back: one row a trial and step, numbers as numbers, in a fixed order.
 
     Args:
-        raw: see ``store.Store.read``.
+        raw: see ``store.tracking.Store.read``; holds the columns of ``NAMED``.
         trials: which to keep; None: all.
         protocol: id of the scores to keep; None: all.
     """
     if raw.empty:
         return pd.DataFrame(columns=FRONT)
-    named = raw.rename(columns=_NAMED)
+    named = raw.rename(columns=NAMED)
     if trials is not None:
         named = named[named["trial"].isin(trials)]
     if protocol is not None:

@@ -51,6 +51,13 @@ class Plan:
         """Epochs to train when every trial starts from nothing."""
         return sum(self.stages[key].epochs for trial in self.trials for key in trial.stages)
 
+    def joined(self, other: Plan) -> Plan:
+        """This plan and the trials and stages of another that it lacks, behind its own."""
+        known = {trial.key for trial in self.trials}
+        trials = (*self.trials, *(trial for trial in other.trials if trial.key not in known))
+        stages = {key: stage for key, stage in other.stages.items() if key not in self.stages}
+        return Plan(self.sweep, trials, {**self.stages, **stages})
+
 
 def make_plan(
     sweep: str,
@@ -140,13 +147,14 @@ def stage_key(config: Config, name: str, parent: Stage | None, data: DataInfo, v
     return f"{target.rsplit('.', 1)[-1].lower()}-{name}-{digest(content)[:10]}"
 
 
-def remaining_steps(plan: Plan, done: Mapping[str, bool]) -> dict[str, int]:
-    """Steps on the longest path from each stage to a leaf, itself included; finished stages count nothing."""
-    longest: dict[str, int] = {}
-    for key in reversed(list(plan.stages)):
-        children = [longest[k] for k, s in plan.stages.items() if s.parent == key]
-        own = 0 if done.get(key, False) else plan.stages[key].steps
-        longest[key] = own + max(children, default=0)
+def longest_paths(plan: Plan, seconds: Mapping[str, float]) -> dict[str, float]:
+    """Time on the longest path from each stage to a leaf, itself included; stages without an entry take none."""
+    longest = {key: seconds.get(key, 0.0) for key in plan.stages}
+    below = dict.fromkeys(plan.stages, 0.0)
+    for key, stage in reversed(list(plan.stages.items())):
+        longest[key] += below[key]
+        if stage.parent is not None:
+            below[stage.parent] = max(below[stage.parent], longest[key])
     return longest
 
 

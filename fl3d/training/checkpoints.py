@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import pickle
 from dataclasses import asdict
@@ -11,6 +10,7 @@ from typing import Any
 
 import torch
 
+from fl3d.digests import file_digest
 from fl3d.errors import CheckpointError
 from fl3d.files import write_atomically, write_text
 from fl3d.records import Checkpoint, StagePaths
@@ -21,7 +21,7 @@ State = dict[str, Any]
 def save_state(path: Path, state: State) -> str:
     """Write a state of tensors and plain values; returns the file's SHA-256."""
     write_atomically(path, lambda temporary: torch.save(state, temporary))
-    return _sha256(path)
+    return file_digest(path)
 
 
 def load_state(path: Path) -> State:
@@ -53,11 +53,6 @@ def last_state(paths: StagePaths) -> tuple[State, Checkpoint] | None:
     for step in reversed(paths.steps()):
         checkpoint = read_marker(paths, step)
         path = paths.weights(step)
-        if path.exists() and _sha256(path) == checkpoint.sha256:
+        if path.exists() and file_digest(path) == checkpoint.sha256:
             return load_state(path), checkpoint
     return None
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -13,11 +13,12 @@ from pathlib import Path
 
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import KittiFolder
+from fl3d.digests import file_digest
 from fl3d.errors import CheckpointError, ConfigError, Fl3dError
-from fl3d.evaluation.detections import Validation, read_detections, read_validation, score, write_detections
+from fl3d.evaluation.detections import Detections, Validation, read_detections, read_validation, score, write_detections
 from fl3d.evaluation.protocol import Protocol
 from fl3d.files import write_text
-from fl3d.locks import locked
+from fl3d.leases import Lease, leased
 from fl3d.records import Checkpoint, Config, Stage, StagePaths
 from fl3d.training.build import build_detector, build_optimizer, build_protocol, build_schedule
 from fl3d.training.checkpoints import State, last_state, load_state, save_state, write_marker
@@ -34,7 +35,7 @@ def write_spec(paths: StagePaths, stage: Stage, machine: Config) -> None:
         paths: of the stage.
         stage: what is trained.
         machine: ``data_root``, ``train_ids``, ``val_ids``, ``device``, ``workers``, ``cache_frames``,
-            ``save_every_steps``, ``protocol``.
+            ``save_every_steps``, ``protocol``, ``provenance``.
     """
     write_text(paths.spec, json.dumps({"stage": asdict(stage), "machine": machine}, indent=1) + "\n")
 
@@ -52,9 +53,9 @@ def run_stage(folder: Path) -> None:
     if not paths.spec.exists():
         raise ConfigError(f"{paths.spec}: no such file; a sweep writes it when it starts the stage")
     try:
-        with locked(paths.lock):
+        with leased(paths.lease) as lease:
             if not paths.done.exists():
-                _Run(paths).run()
+                _Run(paths, lease).run()
     except BaseException:
         write_text(paths.error, traceback.format_exc())
         raise
@@ -64,8 +65,9 @@ def run_stage(folder: Path) -> None:
 class _Run:
     """A stage on this machine."""
 
-    def __init__(self, paths: StagePaths) -> None:
+    def __init__(self, paths: StagePaths, lease: Lease) -> None:
         spec = json.loads(paths.spec.read_text())
+        self.lease = lease
         self.paths, self.stage, self.machine = paths, Stage(**spec["stage"]), spec["machine"]
         config = self.stage.config
         self.device: str = self.machine["device"]
@@ -106,6 +108,7 @@ class _Run:
             parent = StagePaths(self.paths.folder.parent / self.stage.parent)
             found = last_state(parent)
             if found is None or found[1].step != self.stage.start_step:
+                parent.done.unlink(missing_ok=True)  # so that it is trained again, from the checkpoint before
                 raise CheckpointError(f"{parent.folder}: no whole checkpoint at step {self.stage.start_step}")
             self.trainer.restore(found[0])
             self.trainer.averages = Averages()
@@ -138,6 +141,7 @@ class _Run:
             self._saved = self.trainer.step
 
     def _checkpoint(self) -> None:
+        self.lease.check()
         step, losses, lr = self.trainer.step, self.trainer.averages.means(), self.trainer.lr()
         self.trainer.averages = Averages()
         sha256 = save_state(self.paths.weights(step), self.trainer.state())
@@ -155,7 +159,9 @@ class _Run:
         with self.timer.measure("scoring"):
             write_scores(self.paths, step, self.validation, self.protocol)
         seconds = self.timer.take()
-        write_marker(self.paths, Checkpoint(self.stage.key, step, self.trainer.epoch, lr, losses, seconds, sha256))
+        found_sha256 = file_digest(self.paths.detections(step))
+        epoch = self.trainer.epoch
+        write_marker(self.paths, Checkpoint(self.stage.key, step, epoch, lr, losses, seconds, sha256, found_sha256))
 
     def _show(self, force: bool = False) -> None:
         """Renew the progress file; leave when the parent process has gone."""
@@ -166,6 +172,22 @@ class _Run:
             write_text(self.paths.progress, json.dumps({"step": done, "steps": self.stage.steps}))
             if self._parent is not None and not self._parent.is_alive():
                 raise Fl3dError("the process that started this stage has ended; run the same command to go on")
+
+
+def detect_again(paths: StagePaths, step: int) -> Detections:
+    """What a checkpoint's weights predict on the validation frames now.
+
+    Raises:
+        CheckpointError: the weights cannot be read.
+    """
+    spec = json.loads(paths.spec.read_text())
+    stage, machine = Stage(**spec["stage"]), spec["machine"]
+    prepare(stage.config["seed"], machine["device"])
+    data, limits = stage.config["data"], stage.config["detections"]
+    frames = Frames(KittiFolder(Path(machine["data_root"]), data["crop"], data["calibration"]), machine["val_ids"], 0)
+    detector = build_detector(stage.config).to(machine["device"])
+    detector.load_state_dict(load_state(paths.weights(step))["model"])
+    return detect_frames(detector, frames, limits["max_boxes"], limits["min_score"], machine["device"])
 
 
 def write_scores(paths: StagePaths, step: int, validation: Validation, protocol: Protocol) -> None:

@@ -10,10 +10,9 @@ from fl3d.config import compose_config
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.flops import layer_flops
-from fl3d.pipeline import Sweep
 from fl3d.training.build import build_detector, build_optimizer, build_schedule
 from fl3d.training.trainer import Trainer
-from tests.support import small_config
+from tests.support import small_sweep
 
 TWO_STEPS = ("profile=paper", "data.train_frames=null", "data.val_frames=null", "schedule.frames_per_epoch=2")
 
@@ -85,8 +84,7 @@ def test_the_papers_hyper_parameters() -> None:
 @pytest.mark.parametrize("name", ["fcn3d", "voxelnet"])
 def test_the_papers_configuration_trains(name: str, simulated: Path, tmp_path: Path) -> None:
     """Two steps of the warm-up at full size, batch 1: every weight moves, and stays finite."""
-    trial = (["profile=paper"], small_config(simulated, tmp_path, f"detector={name}", *TWO_STEPS))
-    sweep = Sweep([trial], say=lambda line: None)
+    sweep = small_sweep(simulated, tmp_path, [["profile=paper"]], f"detector={name}", *TWO_STEPS)
     stage = sweep.plan.stages[sweep.plan.trials[0].stages[0]]
     torch.manual_seed(0)
     detector = build_detector(stage.config)

@@ -11,8 +11,8 @@ from fl3d.errors import ConfigError, StoreError
 from fl3d.reports.published import TABLES, published_table
 from fl3d.reports.selection import select
 from fl3d.reports.tables import AP_COLUMNS, Table, format_lr, make_tables, to_csv, to_latex, to_markdown
-from fl3d.reports.write import read_scores, tidy, write_results
-from fl3d.store import Scored, Store
+from fl3d.reports.write import NAMED, read_scores, tidy, write_results
+from fl3d.store.tracking import Scored, Store
 
 LAST_STEP, FORK = 222_720, 111_360
 STEPS = {"126k": 126_208, "137k": 137_344, "134k": 133_632, "215k": 215_296}  # whole epochs of 3712 steps
@@ -46,7 +46,7 @@ def papers_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
 
 @pytest.fixture(scope="module")
 def scores(papers_store: Store) -> pd.DataFrame:
-    return tidy(papers_store.read("gamma-kitti-paper"))
+    return tidy(papers_store.read("gamma-kitti-paper", list(NAMED)))
 
 
 @pytest.fixture(scope="module")

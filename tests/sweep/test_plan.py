@@ -8,7 +8,7 @@ from fl3d.config import CONF, compose_config
 from fl3d.errors import ConfigError
 from fl3d.records import Config
 from fl3d.sweep.identity import BOOKKEEPING, RESULT, leaves, matches, result_config
-from fl3d.sweep.plan import DataInfo, make_plan, remaining_steps
+from fl3d.sweep.plan import DataInfo, longest_paths, make_plan
 from fl3d.sweep.sweepers.grid import expand
 
 FCN, VOXELNET = "fl3d.detectors.fcn3d.FCN3D", "fl3d.detectors.voxelnet.VoxelNet"
@@ -134,9 +134,8 @@ def test_every_schedule_plans_under_every_profile(schedule: str, profile: str) -
 def test_the_longest_path_counts_what_is_left() -> None:
     plan = plan_of(config("loss.gamma=0"), config("loss.gamma=1"))
     warmup, first, second = plan.stages
-    left = remaining_steps(plan, {warmup: True})
-    assert left == {warmup: 111_360, first: 111_360, second: 111_360}
-    assert remaining_steps(plan, {})[warmup] == 222_720
+    assert longest_paths(plan, {first: 3.0, second: 2.0}) == {warmup: 3.0, first: 3.0, second: 2.0}
+    assert longest_paths(plan, {warmup: 5.0, first: 3.0, second: 4.0})[warmup] == 9.0
 
 
 def every_config() -> list[list[str]]:

@@ -1,23 +1,19 @@
-"""Scheduling: order, failures, kills; and the contract of every launcher."""
+"""Scheduling: order, failures, kills, and stages that others train."""
 
 import json
 import os
-import signal
-import time
 from pathlib import Path
 
 import pytest
 
-from fl3d.config import CONF, build
 from fl3d.errors import StageFailed, StoreError
-from fl3d.locks import locked
+from fl3d.leases import leased
 from fl3d.records import Stage, StagePaths
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
 from fl3d.sweep.plan import Plan
 from fl3d.sweep.scheduler import MAX_TRIES, Scheduler
 from tests.support import small_sweep
 
-LAUNCHERS = sorted(path.stem for path in (CONF / "hydra" / "launcher").glob("*.yaml"))
 POINTS = [["detector=voxelnet", f"loss.gamma={g}"] for g in (0, 2)]
 
 
@@ -56,7 +52,7 @@ class FakeLauncher(Launcher):
         self.most = 0
         self.jobs: list[FakeJob] = []
 
-    def launch(self, folder: Path) -> Job:
+    def launch(self, folder: Path, after: Job | None = None) -> Job:
         self.order.append(folder.name)
         ends = self.ends.get(folder.name, [])
         self.jobs.append(FakeJob(StagePaths(folder), ends.pop(0) if ends else JobState.DONE))
@@ -117,58 +113,12 @@ def test_an_interrupt_ends_the_running_stages(tmp_path: Path) -> None:
     launcher = FakeLauncher(2, {"a": [JobState.RUNNING], "b": [JobState.RUNNING]})
 
     def interrupt(running: list[Stage]) -> None:
-        raise KeyboardInterrupt
+        if running:
+            raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         Scheduler(tree(stage("a", None), stage("b", None)), {}, launcher, tmp_path, on_tick=interrupt).run()
     assert [job.cancelled for job in launcher.jobs] == [True, True]
-
-
-@pytest.fixture(params=LAUNCHERS)
-def launcher(request: pytest.FixtureRequest) -> Launcher:
-    target = {"local": "local.LocalLauncher", "inline": "inline.InlineLauncher"}[request.param]
-    return build({"_target_": f"fl3d.sweep.launchers.{target}"}, request.param)
-
-
-def test_every_launcher_trains_a_sweep(launcher: Launcher, simulated: Path, tmp_path: Path) -> None:
-    sweep = small_sweep(simulated, tmp_path, POINTS)
-    outcome = sweep.run(launcher)
-    assert len(outcome.trained) == 3
-    assert launcher.slots >= 1
-
-
-def test_every_launcher_brings_back_the_error(launcher: Launcher, simulated: Path, tmp_path: Path) -> None:
-    sweep = small_sweep(simulated, tmp_path, POINTS, "data.cache_frames=0")
-    victim = simulated / "training" / "velodyne" / f"{sweep.data.train_ids[0]}.bin"
-    whole = victim.read_bytes()
-    try:
-        victim.write_bytes(whole[:-3])
-        with pytest.raises(StageFailed, match="not a whole number of points"):
-            sweep.run(launcher)
-    finally:
-        victim.write_bytes(whole)
-
-
-def test_a_killed_process_is_noticed_and_its_stage_goes_on(simulated: Path, tmp_path: Path) -> None:
-    from fl3d.sweep.launchers.local import LocalLauncher
-
-    sweep = small_sweep(simulated, tmp_path, POINTS[:1])
-    launcher = LocalLauncher(1)
-    killed: list[int] = []
-    original = launcher.launch
-
-    def launch(folder: Path) -> Job:
-        job = original(folder)
-        if not killed:
-            killed.append(job._process.pid)  # type: ignore[attr-defined]
-            time.sleep(0.5)
-            os.kill(killed[0], signal.SIGKILL)
-        return job
-
-    launcher.launch = launch  # type: ignore[method-assign]
-    outcome = sweep.run(launcher)
-    assert len(outcome.trained) == 2
-    assert len(killed) == 1
 
 
 def test_local_stages_may_have_loader_workers(simulated: Path, tmp_path: Path) -> None:
@@ -178,11 +128,14 @@ def test_local_stages_may_have_loader_workers(simulated: Path, tmp_path: Path) -
     assert len(outcome.trained) == 2
 
 
-def test_two_sweeps_do_not_share_a_store_at_once(simulated: Path, tmp_path: Path) -> None:
+def test_the_same_sweep_is_not_started_twice(simulated: Path, tmp_path: Path) -> None:
     from fl3d.sweep.launchers.inline import InlineLauncher
 
     sweep = small_sweep(simulated, tmp_path, POINTS[:1])
-    with locked(sweep.root / "lock"), pytest.raises(StoreError, match=f"in use by process {os.getpid()}"):
+    with (
+        leased(sweep.names.plan(sweep.root).with_suffix(".lease")),
+        pytest.raises(StoreError, match=f"in use by process {os.getpid()}"),
+    ):
         sweep.run(InlineLauncher())
 
 

@@ -20,7 +20,7 @@ from fl3d.data.simulator.scene import random_scene
 from fl3d.data.simulator.sensor import CLUTTER, scan
 from fl3d.data.simulator.shapes import Shape
 from fl3d.files import write_text
-from fl3d.locks import locked
+from fl3d.leases import leased
 
 # A pinhole camera like KITTI's left colour camera, 27 cm in front of the LiDAR and 8 cm above its origin.
 CALIBRATION = Calibration(
@@ -50,6 +50,11 @@ class Settings:
         return f"v{VERSION}-{self.train}-{self.val}-seed{self.seed}"
 
 
+def is_whole(root: Path, settings: Settings) -> bool:
+    """Whether the folder has been written."""
+    return (root / settings.name / "manifest.json").exists()
+
+
 def generate(root: Path, settings: Settings) -> Path:
     """Write the folder unless it is whole already.
 
@@ -64,7 +69,7 @@ def generate(root: Path, settings: Settings) -> Path:
     manifest = folder / "manifest.json"
     if manifest.exists():
         return folder
-    with locked(root / f".{settings.name}.lock"):
+    with leased(root / f".{settings.name}.lease"):
         if not manifest.exists():
             _generate(folder, settings)
     return folder

@@ -10,7 +10,7 @@ from pathlib import Path
 class JobState(Enum):
     """What has become of a stage that was launched."""
 
-    RUNNING = "running"
+    RUNNING = "running"  # or waiting in the launcher's own queue
     DONE = "done"
     RAISED = "raised"  # it failed by itself; trying again would fail again
     KILLED = "killed"  # something ended it; worth another try
@@ -36,14 +36,21 @@ class Launcher(ABC):
     """Starts stages somewhere.
 
     Attributes:
-        slots: how many stages it runs at once.
+        slots: how many stages it is given at once.
+        has_queue: whether it takes a stage whose parent still runs, and starts it afterwards by itself.
     """
 
     slots: int
+    has_queue: bool = False
 
     @abstractmethod
-    def launch(self, folder: Path) -> Job:
-        """Start the stage whose spec lies in a folder."""
+    def launch(self, folder: Path, after: Job | None = None) -> Job:
+        """Start the stage whose spec lies in a folder.
+
+        Args:
+            folder: of the stage.
+            after: the parent's job where that still runs; given to launchers that have a queue alone.
+        """
 
     def close(self) -> None:  # noqa: B027
         """Let go of whatever the launcher holds."""

@@ -24,7 +24,7 @@ class InlineLauncher(Launcher):
 
     slots = 1
 
-    def launch(self, folder: Path) -> Job:
+    def launch(self, folder: Path, after: Job | None = None) -> Job:
         """Run the stage to its end."""
         try:
             run_stage(folder)

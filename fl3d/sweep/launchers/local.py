@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import multiprocessing as mp
 import os
 import pkgutil
@@ -19,6 +20,8 @@ from fl3d.sweep.launchers.base import Job, JobState, Launcher
 # faster than one of two.
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
+SERVER_DIED = 255  # multiprocessing's code for a process whose fork server was killed
+
 
 class _Process(Job):
     def __init__(self, process: mp.process.BaseProcess) -> None:
@@ -30,7 +33,7 @@ class _Process(Job):
             return JobState.RUNNING
         if code == 0:
             return JobState.DONE
-        return JobState.KILLED if code < 0 else JobState.RAISED
+        return JobState.KILLED if code < 0 or code == SERVER_DIED else JobState.RAISED
 
     def cancel(self) -> None:
         self._process.terminate()
@@ -44,13 +47,15 @@ class LocalLauncher(Launcher):
     """Each stage in a process of its own, forked from a server that has loaded torch once.
 
     Args:
-        slots: stages at once; None: one a core, or, on CUDA, one a card.
+        slots: stages at once; None: one a core, or, on CUDA, ``per_card`` a card.
         device: that the stages run on.
+        per_card: stages that share a card.
     """
 
-    def __init__(self, slots: int | None = None, device: str = "cpu") -> None:
-        cores = len(os.sched_getaffinity(0))
-        self.slots = slots or (cores if device == "cpu" else max(1, torch.cuda.device_count()))
+    def __init__(self, slots: int | None = None, device: str = "cpu", per_card: int = 1) -> None:
+        self._cards = _cards() if device == "cuda" else []
+        self.slots = slots or (len(self._cards) * per_card if self._cards else len(os.sched_getaffinity(0)))
+        self._held: dict[int, _Process] = {}
         self._context = mp.get_context("forkserver")
         # All code is loaded now: what is edited while a sweep runs does not reach it.
         detectors = [f"fl3d.detectors.{module.name}" for module in pkgutil.iter_modules(fl3d.detectors.__path__)]
@@ -58,16 +63,30 @@ class LocalLauncher(Launcher):
         for name in THREADS:
             os.environ.setdefault(name, "1")
 
-    def launch(self, folder: Path) -> Job:
+    def launch(self, folder: Path, after: Job | None = None) -> Job:
         """Start a process; what it prints goes to ``log.txt`` in the stage's folder."""
-        process = self._context.Process(target=_work, args=(folder,))
+        taken = {slot for slot, job in self._held.items() if not job.state().is_finished()}
+        slot = next(number for number in itertools.count() if number not in taken)
+        card = self._cards[slot % len(self._cards)] if self._cards else None
+        process = self._context.Process(target=_work, args=(folder, card))
         process.start()
-        return _Process(process)
+        self._held[slot] = _Process(process)
+        return self._held[slot]
 
 
-def _work(folder: Path) -> None:
+def _cards() -> list[str]:
+    """The CUDA devices that this process may use, as ``CUDA_VISIBLE_DEVICES`` names them."""
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if visible is not None:
+        return [card for card in visible.split(",") if card]
+    return [str(card) for card in range(max(1, torch.cuda.device_count()))]
+
+
+def _work(folder: Path, card: str | None) -> None:
     from fl3d.training.run import run_stage
 
+    if card is not None:
+        os.environ["CUDA_VISIBLE_DEVICES"] = card  # before this process first asks for a card
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which then ends its stages
     with (folder / "log.txt").open("a") as log, contextlib.redirect_stdout(log), contextlib.redirect_stderr(log):
         try:

@@ -1,4 +1,4 @@
-"""Every combination of swept values."""
+"""Every combination of swept values: all trials are known beforehand."""
 
 from __future__ import annotations
 
@@ -6,6 +6,37 @@ import itertools
 from collections.abc import Mapping, Sequence
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
+
+from fl3d.sweep.sweepers.base import Compose, Point, Sweeper
+
+
+class Listed(Sweeper):
+    """All trials are given beforehand.
+
+    Args:
+        points: the trials.
+    """
+
+    def __init__(self, points: Sequence[Point]) -> None:
+        self._points = points
+        self.base = points[0].config if points else {}
+        self.n_trials = len(points)
+
+    def first(self) -> Sequence[Point]:
+        """All of them."""
+        return self._points
+
+
+def grid(params: Mapping[str, object], arguments: Sequence[str], compose: Compose) -> Listed:
+    """The grid of a sweep file and the command line.
+
+    Args:
+        params: see ``expand``.
+        arguments: see ``expand``.
+        compose: makes a config of overrides.
+    """
+    fixed, points = expand(params, arguments)
+    return Listed([Point(tuple(swept), compose([*fixed, *swept])) for swept in points])
 
 
 def expand(params: Mapping[str, object], arguments: Sequence[str]) -> tuple[list[str], list[list[str]]]:

@@ -1,17 +1,25 @@
 """The only module that knows MLflow: one experiment a sweep, one flat run a trial, every score once.
 
 MLflow appends metrics and never overwrites them. A score carries the time its checkpoint was made, so a score that
-is logged again is the same row, and the store keeps it once.
+is logged again is the same row, and the store keeps it once. A store that cannot be reached raises ``StoreDown``;
+every call may be made again.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
+import logging
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+# A server that is down shall be found out in seconds; who waits for it decides when to try again.
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "10")
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 os.environ.setdefault("DO_NOT_TRACK", "true")
 
@@ -20,11 +28,17 @@ import pandas as pd
 import sqlalchemy as sa
 from mlflow import MlflowClient
 from mlflow.entities import Dataset, DatasetInput, InputTag, LoggedModel, Metric, Param, RunTag
+from mlflow.exceptions import MlflowException
 
-from fl3d.errors import StoreError
+from fl3d.errors import StoreDown, StoreError
+from fl3d.files import write_text
+from fl3d.leases import leased
+from fl3d.store.reading import read_database, read_server
 
 PARAMS_BATCH = 100  # MLflow takes no more parameters in one request
-TRIAL_TAG, PROTOCOL_TAG = "fl3d.trial", "fl3d.protocol"
+TRIAL_TAG, PROTOCOL_TAG, STORE_TAG = "fl3d.trial", "fl3d.protocol", "fl3d.store"
+POSSIBLE = "sqlite:///FILE, postgresql://USER@HOST/NAME, http://HOST:PORT (an MLflow server)"
+SCHEMA_LOCK = 0x666C3364  # of PostgreSQL, while MLflow makes its tables
 
 
 @dataclass(frozen=True)
@@ -46,40 +60,76 @@ class Store:
     """An MLflow tracking store.
 
     Args:
-        root: folder of the default store, and of all artifacts.
-        uri: a database (``postgresql://...``, ``sqlite:///...``); None: ``root/mlflow.db``.
+        root: folder of the stages, of the default store and of its artifacts.
+        uri: a database (``postgresql://...``, ``sqlite:///...``) or an MLflow server (``http://...``); None:
+            ``root/mlflow.db``.
+
+    Raises:
+        StoreError: the URI is neither.
     """
 
     def __init__(self, root: Path, uri: str | None = None) -> None:
         self.root = root.absolute()
-        self.uri = uri or f"sqlite:///{self.root / 'mlflow.db'}"
-        if not self.uri.startswith(("sqlite:", "postgresql", "mysql")):
-            raise StoreError(
-                f"store.uri: '{self.uri}' is not a database. Possible: sqlite:///FILE, postgresql://HOST/NAME"
-            )
+        self.uri = database_url(uri or f"sqlite:///{self.root / 'mlflow.db'}")
+        if not self.uri.startswith(("sqlite:///", "postgresql", "http://", "https://")):
+            raise StoreError(f"store.uri: '{self.uri}' is no store. Possible: {POSSIBLE}")
 
     @property
     def exists(self) -> bool:
-        """Whether the default store has been made; a named database is taken to exist."""
+        """Whether the default store has been made; a named one is taken to exist."""
         return not self.uri.startswith("sqlite:") or Path(self.uri.removeprefix("sqlite:///")).exists()
 
-    def open(self) -> MlflowClient:
-        """Make the store if need be, and a client of it. One process does this, before others use it."""
-        if self.uri.startswith("sqlite:"):
-            path = Path(self.uri.removeprefix("sqlite:///"))
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with sa.create_engine(self.uri).connect() as connection:
-                connection.execute(sa.text("PRAGMA journal_mode=WAL"))
+    @property
+    def is_server(self) -> bool:
+        """Whether it is an MLflow server."""
+        return self.uri.startswith("http")
+
+    @property
+    def id(self) -> str:
+        """Tells the runs of this root from those of others in a shared store; made at first use."""
+        path = self.root / "id"
+        if not path.exists():
+            write_text(path, uuid.uuid4().hex + "\n")
+        return path.read_text().strip()
+
+    def open(self) -> None:
+        """Make the store if need be, and a client of it; several processes may do so at once.
+
+        Raises:
+            StoreDown: it cannot be reached.
+        """
+        logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)  # tracebacks of what is raised anyway
         mlflow.set_tracking_uri(self.uri)
-        self.client = MlflowClient(self.uri)
-        return self.client
+        self.client: Any = _Guarded(MlflowClient)
+        with _outages(), self._alone():
+            self.client.connect(self.uri)
+
+    @contextlib.contextmanager
+    def _alone(self) -> Iterator[None]:
+        """One process at a time: several that make MLflow's tables together destroy a SQLite store."""
+        if self.uri.startswith("postgresql"):
+            with sa.create_engine(self.uri).connect() as connection:
+                connection.execute(sa.text(f"SELECT pg_advisory_lock({SCHEMA_LOCK})"))
+                yield
+        elif self.uri.startswith("sqlite"):
+            path = Path(self.uri.removeprefix("sqlite:///"))
+            with leased(path.with_name(f".{path.name}.lease")), sa.create_engine(self.uri).connect() as connection:
+                connection.execute(sa.text("PRAGMA journal_mode=WAL"))
+                yield
+        else:
+            yield
 
     def experiment(self, name: str, note: str) -> str:
         """Id of a sweep's experiment, made at first use; ``note`` is shown above its runs, as Markdown."""
         found = self.client.get_experiment_by_name(name)
         if found is None:
-            location = (self.root / "artifacts" / name).as_uri()
-            return str(self.client.create_experiment(name, location, {"mlflow.note.content": note}))
+            location = None if self.is_server else (self.root / "artifacts" / name).as_uri()
+            try:
+                return str(self.client.create_experiment(name, location, {"mlflow.note.content": note}))
+            except MlflowException as error:
+                found = self.client.get_experiment_by_name(name)
+                if found is None or error.error_code != "RESOURCE_ALREADY_EXISTS":  # made by another just now
+                    raise
         if found.lifecycle_stage == "deleted":
             self.client.restore_experiment(found.experiment_id)
         self.client.set_experiment_tag(found.experiment_id, "mlflow.note.content", note)
@@ -104,9 +154,10 @@ class Store:
             tags: further ones.
             params: the config, flat; logged once, as MLflow's parameters cannot change.
         """
-        query = f"tags.`{TRIAL_TAG}` = '{trial}' and tags.`{PROTOCOL_TAG}` = '{protocol}'"
+        identity = {TRIAL_TAG: trial, PROTOCOL_TAG: protocol, STORE_TAG: self.id}
+        query = " and ".join(f"tags.`{key}` = '{value}'" for key, value in identity.items())
         found = self.client.search_runs([experiment], query, max_results=1)
-        own = {TRIAL_TAG: trial, PROTOCOL_TAG: protocol, **tags}
+        own = {**identity, **tags}
         run = found[0] if found else self.client.create_run(experiment, tags=own, run_name=name)
         # A process that was killed right here leaves a run without some of its parameters.
         items = [Param(key, str(value)) for key, value in params.items() if key not in run.data.params]
@@ -201,33 +252,69 @@ class Store:
         if self.client.get_run(run_id).info.status != status:
             self.client.set_terminated(run_id, status)
 
-    def read(self, experiment_name: str) -> pd.DataFrame:
-        """All scores of a sweep.
+    def read(self, experiment_name: str, columns: Sequence[str]) -> pd.DataFrame:
+        """All scores of this root's runs of a sweep.
 
         Args:
             experiment_name: of the sweep.
+            columns: of the runs, such as ``tags.detector`` or ``params.seed``.
 
         Returns:
-            one row for each run and step: ``tags.<key>`` and ``params.<key>`` of the run, ``step``, and a column for
-            each metric. Empty where there is no such experiment.
+            one row for each run and step: the columns, ``run_uuid``, ``step``, ``epoch`` and every AP. Empty where
+            there is no such experiment.
+
+        Raises:
+            StoreDown: the store cannot be reached.
         """
-        engine = sa.create_engine(self.uri)
-        where = (
-            "FROM runs r JOIN experiments e ON e.experiment_id = r.experiment_id "
-            "WHERE e.name = :name AND r.lifecycle_stage = 'active'"
-        )
-        bound = {"name": experiment_name}
-        with engine.connect() as connection:
-            runs = pd.read_sql(sa.text(f"SELECT r.run_uuid {where}"), connection, params=bound)
-            parts = []
-            for table in ("tags", "params"):
-                query = f"SELECT run_uuid, key, value FROM {table} WHERE run_uuid IN (SELECT r.run_uuid {where})"
-                long = pd.read_sql(sa.text(query), connection, params=bound)
-                parts.append(long.pivot(index="run_uuid", columns="key", values="value").add_prefix(f"{table}."))
-            query = f"SELECT run_uuid, step, key, value FROM metrics WHERE run_uuid IN (SELECT r.run_uuid {where})"
-            metrics = pd.read_sql(sa.text(query), connection, params=bound)
-        engine.dispose()
-        if runs.empty or metrics.empty:
-            return pd.DataFrame()
-        wide = metrics.pivot_table(index=["run_uuid", "step"], columns="key", values="value", aggfunc="last")
-        return wide.reset_index().merge(parts[0], "left", "run_uuid").merge(parts[1], "left", "run_uuid")
+        tag = (STORE_TAG, self.id)
+        with _outages():
+            if not self.is_server:
+                return read_database(self.uri, experiment_name, tag, columns)
+            self.open()
+            found = self.client.get_experiment_by_name(experiment_name)
+            return read_server(self.client, found.experiment_id, tag, columns) if found else pd.DataFrame()
+
+
+def database_url(uri: str) -> str:
+    """A URL with the driver that fl3d installs: SQLAlchemy's own choice for ``postgresql://`` is another one."""
+    return uri.replace("postgresql://", "postgresql+psycopg2://", 1) if uri.startswith("postgresql://") else uri
+
+
+class _Guarded:
+    """An ``MlflowClient`` whose every call tells an outage from an error."""
+
+    def __init__(self, make: Callable[[str], MlflowClient]) -> None:
+        self._make = make
+        self._client: Any = None
+
+    def connect(self, uri: str) -> None:
+        """Make the client, and with it the store's tables."""
+        self._client = self._make(uri)
+        self._client.search_experiments(max_results=1)
+
+    def __getattr__(self, name: str) -> Any:
+        method = getattr(self._client, name)
+
+        def call(*arguments: Any, **named: Any) -> Any:
+            with _outages():
+                return method(*arguments, **named)
+
+        return call
+
+
+@contextlib.contextmanager
+def _outages() -> Iterator[None]:
+    """Raise ``StoreDown`` for what will pass; everything else as it is.
+
+    Raises:
+        StoreDown: the store cannot be reached now.
+    """
+    try:
+        yield
+    except (sa.exc.OperationalError, sa.exc.InterfaceError) as error:
+        raise StoreDown(str(error).splitlines()[0]) from error
+    except MlflowException as error:
+        unreachable = str(error).startswith("API request to ") and error.error_code == "INTERNAL_ERROR"
+        if error.error_code == "TEMPORARILY_UNAVAILABLE" or unreachable:
+            raise StoreDown(str(error).splitlines()[0]) from error
+        raise

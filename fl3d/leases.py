@@ -1,0 +1,176 @@
+"""Claims on a folder or a store that end with their holder, however it ends and on whatever machine it ran.
+
+A lease is a small file that its holder renews. On the holder's own machine others see at once that its process has
+gone; from other machines the lease ends when it was not renewed for ``LEASE_SECONDS``. A holder that was suspended for
+longer finds out by ``Lease.check`` before it writes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import socket
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from fl3d.errors import StoreError
+from fl3d.files import write_text
+
+LEASE_SECONDS = 60.0  # without renewal, after which others take it
+RENEW_SECONDS = 10.0
+POLL_SECONDS = 0.5
+
+
+@dataclass(frozen=True)
+class Holder:
+    """Who holds a lease.
+
+    Args:
+        token: of this one holding.
+        host: machine.
+        system: boot and process namespace, within which a process number means something.
+        pid: process.
+        started: when the process began, in the kernel's ticks, as numbers are used again.
+    """
+
+    token: str
+    host: str
+    system: str
+    pid: int
+    started: str
+
+    def __str__(self) -> str:
+        return f"process {self.pid} on {self.host}"
+
+
+class Lease:
+    """A lease that this process holds.
+
+    Args:
+        path: its file.
+        holder: this process.
+    """
+
+    def __init__(self, path: Path, holder: Holder) -> None:
+        self.path, self.holder = path, holder
+        self._ended = threading.Event()
+        self._renewer = threading.Thread(target=self._renew, daemon=True, name=f"lease {path.name}")
+        self._renewer.start()
+
+    def check(self) -> None:
+        """Make sure that nobody has taken it over.
+
+        Raises:
+            StoreError: somebody has, for this process stood still for too long.
+        """
+        holder = _read(self.path)
+        if holder is None or holder.token != self.holder.token:
+            raise StoreError(f"{self.path}: taken over by {holder or 'nobody'}, as it was not renewed in time")
+
+    def release(self) -> None:
+        """Give it back."""
+        self._ended.set()
+        holder = _read(self.path)
+        if holder is not None and holder.token == self.holder.token:
+            self.path.unlink(missing_ok=True)
+
+    def _renew(self) -> None:
+        while not self._ended.wait(RENEW_SECONDS):
+            with contextlib.suppress(StoreError, OSError):
+                self.check()
+                os.utime(self.path)
+
+
+@contextlib.contextmanager
+def leased(path: Path, wait: bool = True) -> Iterator[Lease]:
+    """Hold a lease.
+
+    Args:
+        path: of its file; folders are made.
+        wait: whether to wait for another holder, or to raise at once.
+
+    Raises:
+        StoreError: another process holds it; the message names it.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    own = _myself()
+    while (other := _take(path, own)) is not None:
+        if not wait:
+            raise StoreError(f"{path}: in use by {other}; wait for it or end it")
+        time.sleep(POLL_SECONDS)
+    lease = Lease(path, own)
+    try:
+        yield lease
+    finally:
+        lease.release()
+
+
+def holder_of(path: Path) -> Holder | None:
+    """Who holds a lease now; None where nobody does, or whoever did has gone."""
+    holder = _read(path)
+    return None if holder is None or _has_gone(path, holder) else holder
+
+
+def _take(path: Path, own: Holder) -> Holder | None:
+    """Take a lease that is free; else say who has it."""
+    with _guard(path):
+        other = holder_of(path)
+        if other is None:
+            write_text(path, json.dumps(asdict(own)) + "\n")
+        return other
+
+
+@contextlib.contextmanager
+def _guard(path: Path) -> Iterator[None]:
+    """One taker at a time, on file systems that have locks; on others ``Lease.check`` finds out who was second."""
+    with path.with_name(f".{path.name}.guard").open("a") as file:
+        with contextlib.suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def _has_gone(path: Path, holder: Holder) -> bool:
+    myself = _myself()
+    if (holder.host, holder.system) == (myself.host, myself.system):
+        return _start_of(holder.pid) != holder.started
+    # The age by the file system's own clock: those of two machines may differ.
+    probe = path.with_name(f".{path.name}.{myself.token}.clock")
+    try:
+        probe.touch()
+        return probe.stat().st_mtime - path.stat().st_mtime > LEASE_SECONDS
+    except FileNotFoundError:
+        return True  # given back just now
+    finally:
+        probe.unlink(missing_ok=True)
+
+
+def _read(path: Path) -> Holder | None:
+    try:
+        return Holder(**json.loads(path.read_text()))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def _myself() -> Holder:
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        system = f"{boot} {os.readlink('/proc/self/ns/pid')}"
+    except OSError:
+        system = f"unknown {uuid.uuid4().hex}"  # no way to tell whether a process lives: leases end by their age
+    pid = os.getpid()
+    return Holder(uuid.uuid4().hex, socket.gethostname(), system, pid, _start_of(pid))
+
+
+def _start_of(pid: int) -> str:
+    """When a process began; empty where there is none, or a zombie."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return ""
+    return "" if fields[0] in "ZX" else fields[19]

@@ -1,0 +1,194 @@
+"""What a stage costs before it runs: time, floating point operations and disk; measured stages correct the guess."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from fl3d.detectors.base import Detector
+from fl3d.detectors.flops import layer_flops
+from fl3d.digests import digest
+from fl3d.records import Config, Stage, StagePaths
+from fl3d.sweep.plan import Plan, longest_paths
+from fl3d.training.build import build_detector, build_optimizer
+from fl3d.training.checkpoints import read_marker
+
+BACKWARD = 2  # a backward pass costs twice a forward one
+BOX_BYTES = 30  # of a stored detection, compressed; as measured
+PURPOSES = ("training", "detection", "scoring")
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a stage costs.
+
+    Args:
+        seconds: on one slot.
+        flops: of training and of detection on the validation frames, by the network's dense layers.
+        weights_bytes: of its checkpoints' weights and optimisers, as long as all are kept.
+        detection_bytes: of what they predict on the validation frames, at most.
+        is_measured: whether the time comes from stages of the same network, or from its FLOPs.
+    """
+
+    seconds: float
+    flops: float
+    weights_bytes: float
+    detection_bytes: float
+    is_measured: bool
+
+    @property
+    def bytes(self) -> float:
+        """All that is written."""
+        return self.weights_bytes + self.detection_bytes
+
+
+@dataclass(frozen=True)
+class _Network:
+    """What one configuration of a detector costs: forward FLOPs of a frame, and bytes of a checkpoint."""
+
+    flops: float
+    bytes: float
+
+
+class Costs:
+    """Costs of stages, by what is known so far.
+
+    Args:
+        stages_root: folder of all stages; those of the same network are what the time is learned from.
+        n_val: validation frames.
+    """
+
+    def __init__(self, stages_root: Path, n_val: int) -> None:
+        self.stages_root, self.n_val = stages_root, n_val
+        self._networks: dict[str, _Network] = {}
+        # By network and stage name: seconds of a step, and of looking at a validation frame.
+        self._rates: dict[tuple[str, str], list[tuple[float, float]]] = {}
+        self._learned: set[tuple[str, int]] = set()
+        self._stages: dict[str, tuple[Stage, int]] = {}  # and its number of validation frames
+        self._speed: float | None = None
+
+    def cost(self, stage: Stage) -> Cost:
+        """Of one stage, from its first step to its last."""
+        network, batch = self._network(stage), stage.config["schedule"]["batch_size"]
+        n_checkpoints = len(checkpoint_epochs(stage))
+        trained, looked_at = stage.steps * batch * (1 + BACKWARD), n_checkpoints * self.n_val
+        flops = network.flops * (trained + looked_at)
+        boxes = self.n_val * stage.config["detections"]["max_boxes"] * BOX_BYTES
+        rates = self._known_rates(stage)
+        if rates:
+            step, frame = (statistics.median(values) for values in zip(*rates, strict=True))
+            seconds = stage.steps * step + looked_at * frame
+        else:
+            seconds = flops / self.speed()
+        return Cost(seconds, flops, n_checkpoints * network.bytes, n_checkpoints * boxes, bool(rates))
+
+    def learn(self) -> None:
+        """Read how long the checkpoints below the folder took; those that were read before are passed over."""
+        for folder in sorted(self.stages_root.glob("*-*")):
+            paths = StagePaths(folder)
+            for step in paths.steps():
+                if (folder.name, step) not in self._learned:
+                    self._learned.add((folder.name, step))
+                    self._learn(paths, step)
+
+    def _learn(self, paths: StagePaths, step: int) -> None:
+        key = paths.folder.name
+        if key not in self._stages:
+            spec = json.loads(paths.spec.read_text())
+            self._stages[key] = Stage(**spec["stage"]), len(spec["machine"]["val_ids"])
+        (stage, n_val), seconds = self._stages[key], read_marker(paths, step).seconds
+        if all(name in seconds for name in PURPOSES):
+            steps = stage.epoch_steps * stage.config["schedule"]["checkpoint_every"]
+            rate = seconds["training"] / steps, (seconds["detection"] + seconds["scoring"]) / n_val
+            self._rates.setdefault((_kind(stage), stage.name), []).append(rate)
+
+    def _known_rates(self, stage: Stage) -> list[tuple[float, float]]:
+        """Of stages of the same name, or else of any stage of the same network."""
+        kind = _kind(stage)
+        same = [rates for (other, _), rates in self._rates.items() if other == kind]
+        return self._rates.get((kind, stage.name)) or [rate for rates in same for rate in rates]
+
+    def _network(self, stage: Stage) -> _Network:
+        kind = _kind(stage)
+        if kind not in self._networks:
+            flops = sum(layer_flops(lambda: build_detector(stage.config)).values())
+            self._networks[kind] = _Network(flops, _state_bytes(stage.config))
+        return self._networks[kind]
+
+    def speed(self) -> float:
+        """FLOP/s of one thread of this machine at convolutions, measured once, in a fifth of a second."""
+        if self._speed is None:
+            self._speed = _measure_speed()
+        return self._speed
+
+
+def _kind(stage: Stage) -> str:
+    """Stages of one kind have the same network and take the same time a step."""
+    config = stage.config
+    optimizer, batch = config["optimizer"]["_target_"], config["schedule"]["batch_size"]
+    return digest([config["detector"], optimizer, batch, config["data"]])
+
+
+def checkpoint_epochs(stage: Stage) -> list[int]:
+    """A stage's own epochs after which it has a checkpoint."""
+    every = stage.config["schedule"]["checkpoint_every"]
+    return sorted({*range(every, stage.epochs + 1, every), stage.epochs})
+
+
+def makespan(plan: Plan, seconds: Mapping[str, float], slots: int) -> float:
+    """Time until all is done: stages start when their parent has ended, longest path first, on as many slots.
+
+    Args:
+        plan: of the sweep.
+        seconds: still to go for each stage; those without an entry are done.
+        slots: stages at once.
+    """
+    longest = longest_paths(plan, seconds)
+    children: dict[str | None, list[str]] = {}
+    for key in seconds:
+        parent = plan.stages[key].parent
+        children.setdefault(parent if parent in seconds else None, []).append(key)
+    ready, running, now = list(children.get(None, [])), list[tuple[float, str]](), 0.0
+    while ready or running:
+        ready.sort(key=lambda key: longest[key])
+        while ready and len(running) < slots:
+            key = ready.pop()
+            running.append((now + seconds[key], key))
+        now, key = min(running)
+        running.remove((now, key))
+        ready += children.get(key, [])
+    return now
+
+
+def _state_bytes(config: Config) -> float:
+    """Of a checkpoint's weights and optimiser, found on the meta device by one step of the optimiser."""
+    with torch.device("meta"):
+        detector: Detector = build_detector(config)
+        optimizer = build_optimizer(config, detector)
+        for parameter in detector.parameters():
+            parameter.grad = torch.zeros_like(parameter)
+        optimizer.step()
+    moments = [v for state in optimizer.state.values() for v in state.values() if isinstance(v, torch.Tensor)]
+    tensors = [*detector.state_dict().values(), *moments]
+    return float(sum(tensor.numel() * tensor.element_size() for tensor in tensors))
+
+
+def _measure_speed() -> float:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        images, kernels = torch.randn(1, 64, 64, 64), torch.randn(64, 64, 3, 3)
+        torch.nn.functional.conv2d(images, kernels, padding=1)
+        started, count = time.perf_counter(), 0
+        while time.perf_counter() - started < 0.2:
+            torch.nn.functional.conv2d(images, kernels, padding=1)
+            count += 1
+        return count * 2 * 9 * 64 * 64 * 64 * 64 / (time.perf_counter() - started)
+    finally:
+        torch.set_num_threads(threads)

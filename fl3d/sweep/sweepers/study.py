@@ -1,0 +1,260 @@
+"""Trials by Optuna's ask and tell: over the same plan and launchers as a grid, pruned on intermediate checkpoints."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import optuna
+from optuna.storages import BaseStorage, RDBStorage
+from optuna.storages.journal import JournalFileBackend, JournalStorage
+from optuna.trial import FrozenTrial
+from optuna.trial import TrialState as OptunaState
+
+from fl3d.config import build
+from fl3d.errors import ConfigError, StoreError, options
+from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
+from fl3d.records import Config
+from fl3d.reports.selection import RULES
+from fl3d.results import names
+from fl3d.store.tracking import database_url
+from fl3d.sweep.sweepers.base import Advice, Compose, Point, Standing, Sweeper, TrialState
+from fl3d.sweep.sweepers.space import Space, parse_space
+from fl3d.sweep.sweepers.study_report import report_study
+
+KEY, SOURCE = "fl3d.trial", "fl3d.value_of"  # attributes of a trial in the study
+METRIC_NAMES = [
+    f"ap_{metric}{average}/{level}" for metric in METRICS for average in ("", "_r40") for level in DIFFICULTIES
+]
+MAX_FAILED = 3  # trials that fail before any is done: then something is wrong with all of them
+
+
+class Study(Sweeper):
+    """Asks an Optuna study for trials, as many at once as there are slots, and tells it their AP.
+
+    A point that was proposed before is not trained again: it is told the same value. A trial that a dead sweep left
+    running is told as failed, and its point is asked again: its stages go on from their checkpoints.
+
+    Args:
+        base: a config of the sweep.
+        space: what is searched.
+        compose: makes a config of overrides.
+        n_trials: how many are asked for, over all starts of this sweep.
+        objectives: metrics to maximise, such as ``ap_3d_r40/moderate``; several make a Pareto front.
+        rule: whose value counts: of the ``last`` or the ``best`` checkpoint.
+        sampler: section with the ``_target_`` of an Optuna sampler; its seed is varied when a study goes on.
+        pruner: section of an Optuna pruner, or None; for one objective, on each checkpoint of a trial's last stage.
+        storage: URL of a database for the study; None: a journal file below the store's root.
+        study_name: None: the sweep's.
+
+    Raises:
+        ConfigError: settings that do not go together.
+    """
+
+    listens = True
+
+    def __init__(
+        self,
+        base: Config,
+        space: Space,
+        compose: Compose,
+        n_trials: int,
+        objectives: Sequence[str],
+        rule: str,
+        sampler: Config,
+        pruner: Config | None,
+        storage: str | None,
+        study_name: str | None,
+    ) -> None:
+        self.base, self.space, self.compose, self.n_trials = base, space, compose, n_trials
+        self.objectives, self.rule, self.sampler, self.pruner = list(objectives), rule, sampler, pruner
+        self.storage, self.name = storage, study_name or names(base).experiment
+        if rule not in RULES:
+            raise ConfigError(f"hydra.sweeper.rule: {options(rule, RULES)}")
+        for name in self.objectives or [""]:
+            if name not in METRIC_NAMES:
+                raise ConfigError(f"hydra.sweeper.objectives: no metric '{name}'. {options(name, METRIC_NAMES)}")
+        if pruner is not None and len(self.objectives) > 1:
+            raise ConfigError(
+                "hydra.sweeper.pruner: Optuna prunes on one objective only; set pruner=null or one objective"
+            )
+        if base["sweep"]["tables"]:
+            raise ConfigError(
+                "sweep.tables: the paper's tables are made of a grid; an Optuna sweep has tables of its own"
+            )
+        self._trials: dict[int, str] = {}  # of this start: the study's number, and our key
+        self._heard: dict[int, set[int]] = {}
+        self._known: dict[str, FrozenTrial] = {}  # told, by key
+        self._earlier: list[Point] = []
+        self._pruned: list[str] = []
+        self._failed = self._done = 0
+
+    def first(self) -> Sequence[Point]:
+        """None: what comes first depends on the study."""
+        return ()
+
+    def open(self, identify: Callable[[Point], str]) -> None:
+        """Open the study, and take up what a dead sweep left."""
+        self._identify = identify
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        self.study = self._open()
+        for trial in self.study.get_trials(deepcopy=False, states=(OptunaState.RUNNING,)):
+            self.study.tell(trial.number, state=OptunaState.FAIL)
+            if trial.params:
+                self.study.enqueue_trial(trial.params)
+        for trial in self.study.get_trials(deepcopy=False, states=(OptunaState.COMPLETE, OptunaState.PRUNED)):
+            self._take_up(trial)
+
+    def _take_up(self, trial: FrozenTrial) -> None:
+        """Propose again what an earlier start has told: it is not trained, but belongs to the sweep."""
+        point = self._point(trial)
+        key = self._identify(point)
+        if key != trial.user_attrs.get(KEY):
+            raise ConfigError(
+                f"the study '{self.name}' was begun with other data, versions or settings: its trial {trial.number} "
+                f"was {trial.user_attrs.get(KEY)}, and would be {key} now; give another hydra.sweeper.study_name"
+            )
+        self._known[key] = trial
+        self._earlier.append(point)
+        if trial.state is OptunaState.PRUNED:
+            self._pruned.append(key)
+
+    def _point(self, trial: FrozenTrial) -> Point:
+        overrides = self.space.overrides(trial)
+        return Point(overrides, self.compose([*self.space.fixed, *overrides]))
+
+    def _open(self) -> optuna.Study:
+        storage = open_storage(self.storage, Path(self.base["store"]["root"]), self.base["store"]["uri"], self.name)
+        directions = [optuna.study.StudyDirection.MAXIMIZE] * len(self.objectives)
+        with _experimental():
+            pruner = build(self.pruner, "hydra.sweeper.pruner") if self.pruner else optuna.pruners.NopPruner()
+            study = optuna.create_study(
+                storage=storage, study_name=self.name, directions=directions, pruner=pruner, load_if_exists=True
+            )
+            asked = study.user_attrs.get("objectives", self.objectives)
+            if asked != self.objectives:
+                raise ConfigError(
+                    f"hydra.sweeper.objectives: the study '{self.name}' was begun with {asked}; "
+                    "give another hydra.sweeper.study_name"
+                )
+            study.set_user_attr("objectives", self.objectives)
+            # The same seed again would propose the first trials again.
+            seed = self.sampler.get("seed")
+            varied = {} if seed is None else {"seed": seed + len(study.get_trials(deepcopy=False))}
+            study.sampler = build({**self.sampler, **varied}, "hydra.sweeper.sampler")
+        return study
+
+    def advise(self, standings: Mapping[str, Standing], slots: int) -> Advice:
+        """Tell what has ended, prune, and ask for as many trials as there are free slots."""
+        stop = [key for number in list(self._trials) for key in self._hear(number, standings[self._trials[number]])]
+        points, self._earlier = self._earlier, []
+        pruned, self._pruned = self._pruned, []
+        while len(self._trials) < slots and self._may_ask():
+            point = self._ask(standings)
+            if point is not None:
+                points.append(point)
+        return Advice(points, [*pruned, *stop])
+
+    def _may_ask(self) -> bool:
+        if self._failed >= MAX_FAILED and not self._done:
+            return False
+        failed = (OptunaState.FAIL, OptunaState.WAITING)
+        return sum(t.state not in failed for t in self.study.get_trials(deepcopy=False)) + self._failed < self.n_trials
+
+    def _ask(self, standings: Mapping[str, Standing]) -> Point | None:
+        """A point to train, or None where its trial is known."""
+        trial = self.study.ask(dict(self.space.axes))
+        point = self._point(self.study.get_trials(deepcopy=False)[trial.number])
+        key = self._identify(point)
+        trial.set_user_attr(KEY, key)
+        twin = self._known.get(key)
+        if twin is not None and twin.state is not OptunaState.FAIL:
+            trial.set_user_attr(SOURCE, twin.number)
+            self._tell(trial.number, twin.state, twin.values)
+            return None
+        self._trials[trial.number], self._heard[trial.number] = key, set()
+        return None if key in standings else point
+
+    def _hear(self, number: int, standing: Standing) -> list[str]:
+        """Report and tell a trial; its key if it shall be stopped."""
+        if standing.state in (TrialState.FAILED, TrialState.STOPPED):
+            self._failed += standing.state is TrialState.FAILED
+            self._end(number, OptunaState.FAIL if standing.state is TrialState.FAILED else OptunaState.PRUNED)
+        elif standing.state is TrialState.DONE:
+            self._report(number, standing)
+            self._done += 1
+            self._end(number, OptunaState.COMPLETE, self._values(standing))
+        elif self.pruner is not None and self._report(number, standing):
+            self._end(number, OptunaState.PRUNED)
+            return [standing.trial.key]
+        return []
+
+    def _report(self, number: int, standing: Standing) -> bool:
+        """Report new checkpoints, the end of the last epoch apart; whether the study would prune the trial."""
+        if self.pruner is None:
+            return False
+        trial = optuna.trial.Trial(self.study, self.study.get_trials(deepcopy=False)[number]._trial_id)
+        for epoch in sorted(set(standing.curve) - self._heard[number]):
+            self._heard[number].add(epoch)
+            trial.report(standing.curve[epoch][self.objectives[0]], epoch)
+            if standing.state is TrialState.GOING and trial.should_prune():
+                return True
+        return False
+
+    def _values(self, standing: Standing) -> list[float]:
+        curve = standing.curve
+        best = max(curve, key=lambda epoch: (curve[epoch][self.objectives[0]], -epoch))
+        chosen = curve[max(curve) if self.rule == "last" else best]
+        return [chosen[name] for name in self.objectives]
+
+    def _end(self, number: int, state: OptunaState, values: Sequence[float] | None = None) -> None:
+        key = self._trials.pop(number)
+        self._known[key] = self._tell(number, state, values)
+
+    def _tell(self, number: int, state: OptunaState, values: Sequence[float] | None = None) -> FrozenTrial:
+        completed = values if state is OptunaState.COMPLETE else None
+        return self.study.tell(number, completed, None if completed is not None else state)
+
+    def report(self, standings: Mapping[str, Standing], folder: Path) -> str:
+        """Best trials, or the Pareto front; all trials go to a table in the folder."""
+        return report_study(self.study, self.objectives, list(self.space.axes), names(self.base).sweep, folder)
+
+
+def study(params: Mapping[str, object], arguments: Sequence[str], compose: Compose, settings: Config) -> Study:
+    """The study of a sweep file and the command line.
+
+    Args:
+        params: see ``space.parse_space``.
+        arguments: see ``space.parse_space``.
+        compose: makes a config of overrides.
+        settings: further arguments of ``Study``.
+    """
+    space = parse_space(params, arguments)
+    return Study(compose(space.fixed), space, compose, **settings)
+
+
+def open_storage(url: str | None, root: Path, store_uri: str | None, name: str) -> BaseStorage:
+    """Where a study is kept: a journal file below the store's root, or a database of its own.
+
+    Raises:
+        StoreError: it is MLflow's database: both tools keep a table ``alembic_version``.
+    """
+    if url is None:
+        path = root.absolute() / "studies" / f"{name}.log"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _experimental():
+            return JournalStorage(JournalFileBackend(str(path)))
+    if store_uri is not None and database_url(url) == database_url(store_uri):
+        raise StoreError(f"hydra.sweeper.storage: {url} is MLflow's database; Optuna needs one of its own")
+    return RDBStorage(database_url(url))
+
+
+@contextlib.contextmanager
+def _experimental() -> Iterator[None]:
+    """Without Optuna's warnings that a class may change: its version is pinned."""
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        yield

@@ -1,0 +1,61 @@
+"""`hydra/sweeper=grid` and `hydra/sweeper=optuna`: doorways from Hydra to fl3d's planner.
+
+Hydra runs this file at every start: what is heavy is imported where it is used.
+"""
+
+from abc import abstractmethod
+from typing import Any
+
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig
+
+
+class Doorway(Sweeper):
+    """Hands a multirun to ``fl3d.pipeline``, whose sweepers know nothing of Hydra's classes."""
+
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        """Keep what Hydra gives; the task function is not called, stages are."""
+        self.loader, self.composed = hydra_context.config_loader, config
+
+    def sweep(self, arguments: list[str]) -> None:
+        """Run the sweep to its tables."""
+        from fl3d.config import multirun_of
+        from fl3d.pipeline import run_sweep
+
+        multirun = multirun_of(self.loader, self.composed, arguments)
+        run_sweep(self.proposer(arguments, multirun.compose), multirun.launcher)
+
+    @abstractmethod
+    def proposer(self, arguments: list[str], compose: Any) -> Any:
+        """The ``fl3d.sweep.sweepers.base.Sweeper`` behind this door."""
+
+
+class GridSweeper(Doorway):
+    """Every combination of swept values.
+
+    Args:
+        params: swept values by key, in Hydra's grammar.
+    """
+
+    def __init__(self, params: dict[str, Any]) -> None:
+        self.params = params
+
+    def proposer(self, arguments: list[str], compose: Any) -> Any:
+        """The grid."""
+        from fl3d.sweep.sweepers.grid import grid
+
+        return grid(self.params, arguments, compose)
+
+
+class OptunaSweeper(Doorway):
+    """Trials by an Optuna study, see ``fl3d.sweep.sweepers.study.Study`` for the arguments."""
+
+    def __init__(self, params: dict[str, Any], **settings: Any) -> None:
+        self.params, self.settings = params, settings
+
+    def proposer(self, arguments: list[str], compose: Any) -> Any:
+        """The study."""
+        from fl3d.sweep.sweepers.study import study
+
+        return study(self.params, arguments, compose, self.settings)
