@@ -170,7 +170,7 @@ class Sweep:
         if not done:
             return written
         if len(done) < len(self.plan.trials):
-            self.say(f"\nOnly {len(done)} of {len(self.plan.trials)} trials are done; the others are left out below.")
+            self.say(f"\n{len(done)} of {len(self.plan.trials)} trials are done; the others are left out below.")
         scores = stored_scores(self.store, self.names.experiment, done, self.protocol.id)
         if self.config["sweep"]["tables"]:
             written = write_report(self.config, scores, self.say)

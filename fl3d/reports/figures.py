@@ -34,11 +34,14 @@ PURPLE, BLUE = "#7b2d8b", "#1f5fbf"  # ground truth and estimates, as in the pap
 FOOTPRINT = (0, 1, 5, 2, 0)  # corners around the bottom face
 
 
-def save(figure: Figure, path: Path) -> list[Path]:
-    """Write a figure as PNG and PDF without dates, so that the same data give the same bytes."""
-    metadata = {".png": {"Software": None}, ".pdf": {"CreationDate": None, "Producer": None, "Creator": None}}
+METADATA = {".png": {"Software": None}, ".pdf": {"CreationDate": None, "Producer": None, "Creator": None}}
+
+
+def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")) -> list[Path]:
+    """Write a figure without dates, so that the same data give the same bytes."""
     written = []
-    for ending, values in metadata.items():
+    for ending in endings:
+        values = METADATA[ending]
         target = path.with_suffix(ending)
 
         def draw(temporary: Path, kind: str = ending[1:], values: dict[str, None] = values) -> None:
@@ -118,7 +121,7 @@ def birds_eye(
         path: without ending.
     """
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(5, 4.2), layout="constrained")
+        figure, axes = plt.subplots(figsize=(5, 4.6))
         points = frame.points_velo
         axes.scatter(points[:, 0], points[:, 1], s=0.15, c="0.55", linewidths=0, rasterized=True)
         cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[frame.labels.types == "Car"])
@@ -132,7 +135,7 @@ def birds_eye(
         x0, y0, x1, y1 = beyond or (0, -40, 70.4, 40)
         axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal", xlabel="x (m)", ylabel="y (m)", title=title)
         axes.legend(loc="upper left", fontsize=6)
-        return save(figure, path)
+        return save(figure, path, (".png",))  # one for each trial, to look at in MLflow
 
 
 def _outlines(axes: Axes, boxes_velo: Array, color: str, label: str, strength: Array) -> None:

@@ -66,6 +66,7 @@ class _Run:
     """A stage on this machine."""
 
     def __init__(self, paths: StagePaths, lease: Lease) -> None:
+        self._started, self._cpu = time.time(), time.process_time()
         spec = json.loads(paths.spec.read_text())
         self.lease = lease
         self.paths, self.stage, self.machine = paths, Stage(**spec["stage"]), spec["machine"]
@@ -97,7 +98,9 @@ class _Run:
                 self.trainer.train_epoch(self._after_step)
             self._checkpoint_if_due()
         self._show(force=True)
-        write_text(self.paths.done, json.dumps({"step": self.trainer.step}) + "\n")
+        ended = {"step": self.trainer.step, "started": self._started, "ended": time.time()}
+        ended["cpu_seconds"] = round(time.process_time() - self._cpu, 3)  # of the last process that trained it
+        write_text(self.paths.done, json.dumps(ended) + "\n")
         self.paths.resume.unlink(missing_ok=True)
 
     def _restore(self) -> None:

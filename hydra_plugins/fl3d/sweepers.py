@@ -8,7 +8,7 @@ from typing import Any
 
 from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 
 class Doorway(Sweeper):
@@ -58,4 +58,8 @@ class OptunaSweeper(Doorway):
         """The study."""
         from fl3d.sweep.sweepers.study import study
 
-        return study(self.params, arguments, compose, self.settings)
+        return study(_plain(self.params), arguments, compose, _plain(self.settings))
+
+
+def _plain(section: Any) -> Any:
+    return OmegaConf.to_container(OmegaConf.create(section), resolve=True)

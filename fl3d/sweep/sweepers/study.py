@@ -18,7 +18,7 @@ from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
 from fl3d.records import Config
 from fl3d.reports.selection import RULES
 from fl3d.results import names
-from fl3d.store.tracking import database_url
+from fl3d.store.tracking import Store, database_url
 from fl3d.sweep.sweepers.base import Advice, Compose, Point, Standing, Sweeper, TrialState
 from fl3d.sweep.sweepers.space import Space, parse_space
 from fl3d.sweep.sweepers.study_report import report_study
@@ -43,7 +43,7 @@ class Study(Sweeper):
         n_trials: how many are asked for, over all starts of this sweep.
         objectives: metrics to maximise, such as ``ap_3d_r40/moderate``; several make a Pareto front.
         rule: whose value counts: of the ``last`` or the ``best`` checkpoint.
-        sampler: section with the ``_target_`` of an Optuna sampler; its seed is varied when a study goes on.
+        sampler: section with the ``_target_`` of an Optuna sampler, its seed is varied when a study goes on; None: TPE.
         pruner: section of an Optuna pruner, or None; for one objective, on each checkpoint of a trial's last stage.
         storage: URL of a database for the study; None: a journal file below the store's root.
         study_name: None: the sweep's.
@@ -59,16 +59,17 @@ class Study(Sweeper):
         base: Config,
         space: Space,
         compose: Compose,
-        n_trials: int,
-        objectives: Sequence[str],
-        rule: str,
-        sampler: Config,
-        pruner: Config | None,
-        storage: str | None,
-        study_name: str | None,
+        n_trials: int = 20,
+        objectives: Sequence[str] = ("ap_3d_r40/moderate",),
+        rule: str = "last",
+        sampler: Config | None = None,
+        pruner: Config | None = None,
+        storage: str | None = None,
+        study_name: str | None = None,
     ) -> None:
         self.base, self.space, self.compose, self.n_trials = base, space, compose, n_trials
-        self.objectives, self.rule, self.sampler, self.pruner = list(objectives), rule, sampler, pruner
+        self.objectives, self.rule, self.pruner = list(objectives), rule, pruner
+        self.sampler = sampler or {"_target_": "optuna.samplers.TPESampler", "seed": base["seed"]}
         self.storage, self.name = storage, study_name or names(base).experiment
         if rule not in RULES:
             raise ConfigError(f"hydra.sweeper.rule: {options(rule, RULES)}")
@@ -245,7 +246,7 @@ def open_storage(url: str | None, root: Path, store_uri: str | None, name: str) 
         path.parent.mkdir(parents=True, exist_ok=True)
         with _experimental():
             return JournalStorage(JournalFileBackend(str(path)))
-    if store_uri is not None and database_url(url) == database_url(store_uri):
+    if database_url(url) == Store(root, store_uri).uri:
         raise StoreError(f"hydra.sweeper.storage: {url} is MLflow's database; Optuna needs one of its own")
     return RDBStorage(database_url(url))
 

@@ -1,0 +1,229 @@
+"""Studies: search spaces, asking and telling, pruning, twins, and what a dead sweep leaves. No network is trained."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import optuna
+import pytest
+from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+from fl3d.errors import ConfigError, StoreError
+from fl3d.records import Trial
+from fl3d.sweep.sweepers.base import Point, Standing, TrialState
+from fl3d.sweep.sweepers.space import parse_space
+from fl3d.sweep.sweepers.study import Study, open_storage
+
+AP, EASY = "ap_3d_r40/moderate", "ap_3d_r40/easy"
+ASHA = {"_target_": "optuna.pruners.SuccessiveHalvingPruner", "min_resource": 1, "reduction_factor": 2}
+RANDOM = {"_target_": "optuna.samplers.RandomSampler", "seed": 0}
+GAMMA = {"loss.gamma": "interval(0,5)"}
+
+
+def base(root: Path) -> dict[str, Any]:
+    return {
+        "seed": 0,
+        "store": {"root": str(root), "uri": None},
+        "sweep": {"name": "search", "tables": []},
+        "data": {"name": "made-up"},
+        "profile": {"name": "tiny"},
+    }
+
+
+def make(root: Path, params: dict[str, object] = GAMMA, **settings: Any) -> Study:
+    """A study whose trials are keyed by their overrides."""
+
+    def compose(overrides: Sequence[str]) -> dict[str, Any]:
+        return {"overrides": list(overrides)}
+
+    settings = {"sampler": RANDOM, **settings}
+    study = Study(base(root), parse_space(params, []), compose, **settings)
+    study.open(key)
+    return study
+
+
+def key(point: Point) -> str:
+    return " ".join(point.overrides)
+
+
+class World:
+    """Trials that learn as told: ``worth`` gives the AP of a point at an epoch."""
+
+    def __init__(self, study: Study, slots: int, epochs: int = 4) -> None:
+        self.study, self.slots, self.epochs = study, slots, epochs
+        self.standings: dict[str, Standing] = {}
+        self.trained: list[str] = []
+
+    def worth(self, point: str, epoch: int) -> dict[str, float]:
+        gamma = float(point.partition("=")[2])
+        return {AP: 50 - gamma + epoch, EASY: 50 + gamma + epoch}
+
+    def tick(self) -> None:
+        for name, one in list(self.standings.items()):
+            if one.state is TrialState.GOING:
+                self.trained.append(name)
+                curve = {**one.curve, len(one.curve) + 1: self.worth(name, len(one.curve) + 1)}
+                state = TrialState.DONE if len(curve) == self.epochs else TrialState.GOING
+                self.standings[name] = Standing(one.trial, state, curve)
+        advice = self.study.advise(self.standings, self.slots)
+        for point in advice.points:
+            trial = Trial(key(point), point.overrides, point.config, (key(point),))
+            self.standings[trial.key] = Standing(trial, TrialState.GOING, {})
+        for name in advice.stop:
+            self.standings[name] = Standing(self.standings[name].trial, TrialState.STOPPED, self.standings[name].curve)
+
+    def run(self) -> None:
+        for _ in range(200):
+            self.tick()
+        assert all(one.state is not TrialState.GOING for one in self.standings.values())
+
+
+def states(study: Study) -> list[str]:
+    return [trial.state.name for trial in study.study.get_trials()]
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        ("interval(0,5)", FloatDistribution(0, 5)),
+        ("tag(log,interval(0.01,1))", FloatDistribution(0.01, 1, log=True)),
+        ("int(interval(1,8))", IntDistribution(1, 8)),
+        ("range(0,10,2)", IntDistribution(0, 8, step=2)),
+        ("range(0.0,1.0,0.25)", FloatDistribution(0, 0.75, step=0.25)),
+        ("choice(a,b)", CategoricalDistribution(["a", "b"])),
+        ("0.5,1,2", CategoricalDistribution([0.5, 1, 2])),
+    ],
+)
+def test_hydras_grammar_as_optunas_distributions(written: str, expected: object) -> None:
+    assert parse_space({"x": written}, []).axes == {"x": expected}
+
+
+def test_the_command_line_replaces_and_fixes_axes() -> None:
+    space = parse_space({"a": "interval(0,1)", "b": "1,2"}, ["b=3", "c=interval(2,4)", "detector=fcn3d"])
+    assert list(space.axes) == ["a", "c"]
+    assert space.fixed == ("b=3", "detector=fcn3d")
+    with pytest.raises(ConfigError, match="nothing to search"):
+        parse_space({}, ["detector=fcn3d"])
+
+
+def test_values_are_told_and_the_number_of_trials_is_kept(tmp_path: Path) -> None:
+    study = make(tmp_path, n_trials=6)
+    world = World(study, slots=2)
+    world.run()
+    trials = study.study.get_trials()
+    assert [trial.state.name for trial in trials] == ["COMPLETE"] * 6
+    for trial in trials:
+        assert trial.values == [pytest.approx(54 - trial.params["loss.gamma"])]
+    assert study.study.best_trial.params["loss.gamma"] == min(t.params["loss.gamma"] for t in trials)
+
+
+def test_no_more_trials_run_than_there_are_slots(tmp_path: Path) -> None:
+    world = World(make(tmp_path, n_trials=9), slots=3)
+    for _ in range(30):
+        world.tick()
+        assert sum(one.state is TrialState.GOING for one in world.standings.values()) <= 3
+
+
+def test_the_worse_half_is_pruned_and_saves_epochs(tmp_path: Path) -> None:
+    study = make(tmp_path, n_trials=12, pruner=ASHA)
+    world = World(study, slots=2)
+    world.run()
+    pruned = [t for t in study.study.get_trials() if t.state.name == "PRUNED"]
+    assert len(pruned) >= 4
+    assert len(world.trained) < 12 * world.epochs * 0.75
+    assert study.study.best_trial.params["loss.gamma"] == min(t.params["loss.gamma"] for t in study.study.get_trials())
+
+
+def test_equal_points_are_trained_once_and_told_alike(tmp_path: Path) -> None:
+    study = make(tmp_path, {"loss.gamma": "choice(1,2)"}, n_trials=10)
+    world = World(study, slots=2)
+    world.run()
+    assert states(study) == ["COMPLETE"] * 10
+    assert len(world.trained) == 2 * world.epochs
+    assert {(t.params["loss.gamma"], t.values[0]) for t in study.study.get_trials()} == {(1, 53.0), (2, 52.0)}
+
+
+def test_what_a_dead_sweep_left_running_is_failed_and_asked_again(tmp_path: Path) -> None:
+    first = make(tmp_path, n_trials=4)
+    world = World(first, slots=2)
+    for _ in range(3):
+        world.tick()
+    left = [dict(t.params) for t in first.study.get_trials() if t.state.name == "RUNNING"]
+    assert len(left) == 2
+    second = make(tmp_path, n_trials=4)
+    World(second, slots=2).run()
+    trials = second.study.get_trials()
+    assert [t.state.name for t in trials].count("FAIL") == 2
+    assert [t.state.name for t in trials].count("COMPLETE") == 4
+    assert all(any(t.params == params and t.state.name == "COMPLETE" for t in trials) for params in left)
+
+
+def test_started_again_it_takes_up_what_was_told_and_trains_none_of_it(tmp_path: Path) -> None:
+    World(make(tmp_path, n_trials=8, pruner=ASHA), slots=2).run()
+    study = make(tmp_path, n_trials=8, pruner=ASHA)
+    advice = study.advise({}, 2)
+    told = study.study.get_trials()
+    assert {key(point) for point in advice.points} == {f"loss.gamma={t.params['loss.gamma']}" for t in told}
+    pruned = {f"loss.gamma={t.params['loss.gamma']}" for t in told if t.state.name == "PRUNED"}
+    assert set(advice.stop) == pruned
+    assert len(told) == 8
+
+
+def test_a_study_that_goes_on_does_not_repeat_its_first_proposals(tmp_path: Path) -> None:
+    World(make(tmp_path, n_trials=3), slots=1).run()
+    study = make(tmp_path, n_trials=6)
+    World(study, slots=1).run()
+    assert len({t.params["loss.gamma"] for t in study.study.get_trials()}) == 6
+
+
+def test_it_stops_asking_when_all_fail(tmp_path: Path) -> None:
+    study = make(tmp_path, n_trials=20)
+    standings: dict[str, Standing] = {}
+    for _ in range(30):
+        for point in study.advise(standings, 1).points:
+            trial = Trial(key(point), point.overrides, point.config, (key(point),))
+            standings[trial.key] = Standing(trial, TrialState.FAILED, {})
+    assert states(study) == ["FAIL"] * 3
+
+
+def test_several_objectives_give_a_pareto_front(tmp_path: Path) -> None:
+    study = make(tmp_path, n_trials=5, objectives=[AP, EASY])
+    world = World(study, slots=2)
+    world.run()
+    text = study.report(world.standings, tmp_path / "results")
+    assert "Pareto front by ap_3d_r40/moderate, ap_3d_r40/easy" in text
+    assert text.count("\n| ") == 1 + 5  # what one loses in the one, one gains in the other: all are on the front
+    assert (tmp_path / "results" / "tables" / "study_search.csv").read_text().count("complete") == 5
+
+
+def test_settings_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="prunes on one objective"):
+        make(tmp_path, objectives=[AP, EASY], pruner=ASHA)
+    with pytest.raises(ConfigError, match="Did you mean 'ap_3d/moderate'"):
+        make(tmp_path, objectives=["ap_3d/modrate"])
+    with pytest.raises(ConfigError, match="Did you mean 'last'"):
+        make(tmp_path, rule="lost")
+
+
+def test_a_study_of_other_objectives_or_data_is_not_continued(tmp_path: Path) -> None:
+    World(make(tmp_path, n_trials=1), slots=1).run()
+    with pytest.raises(ConfigError, match="begun with"):
+        make(tmp_path, objectives=[EASY])
+    study = Study(base(tmp_path), parse_space(GAMMA, []), lambda overrides: {}, sampler=RANDOM)
+    with pytest.raises(ConfigError, match="other data, versions or settings"):
+        study.open(lambda point: "another identity")
+
+
+def test_mlflows_database_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="is MLflow's database"):
+        open_storage("postgresql://h/db", tmp_path, "postgresql+psycopg2://h/db", "name")
+    with pytest.raises(StoreError, match="is MLflow's database"):
+        open_storage(f"sqlite:///{tmp_path}/mlflow.db", tmp_path, None, "name")
+
+
+def test_the_journal_opens_as_any_optuna_study(tmp_path: Path) -> None:
+    """As optuna-dashboard and a user's own notebook open it."""
+    World(make(tmp_path, n_trials=2), slots=1).run()
+    storage = open_storage(None, tmp_path, None, "search-made-up-tiny")
+    study = optuna.load_study(study_name="search-made-up-tiny", storage=storage)
+    assert len(study.trials) == 2
