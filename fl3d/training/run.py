@@ -88,7 +88,8 @@ class _Run:
         self.timer = _Timer()
         self._shown = 0.0
         self._saved = -1  # step of the last whole checkpoint
-        self._parent = mp.parent_process()
+        parent = mp.parent_process()
+        self._parent = parent if parent is not None and parent.sentinel is not None else None  # joblib's has none
 
     def run(self) -> None:
         self._restore()
