@@ -33,6 +33,9 @@ sweep-%: .venv/installed  ## train, score and tabulate sweeps/NAME.yaml; again: 
 	@test -f sweeps/$*.yaml || { echo "no sweeps/$*.yaml; there are: $(basename $(notdir $(wildcard sweeps/*.yaml)))" >&2; exit 2; }
 	$(BIN)/python -m fl3d -m +sweep=$* $(OVERRIDES)
 
+plan: .venv/installed  ## show what a sweep would do: stages, what is done, time, FLOPs, disk (SWEEP=gamma)
+	$(BIN)/python -m fl3d plan +sweep=$(SWEEP) $(OVERRIDES)
+
 tables: .venv/installed  ## make the tables and figures again from what is stored
 	$(BIN)/python -m fl3d tables +sweep=$(SWEEP) $(OVERRIDES)
 

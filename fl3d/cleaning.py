@@ -11,11 +11,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from fl3d.errors import StoreError
 from fl3d.leases import holder_of
 from fl3d.records import Stage, StagePaths
-from fl3d.reports.selection import MEAN_3D
-from fl3d.sweep.retention import kept_epochs
-from fl3d.training.checkpoints import read_marker
+from fl3d.sweep.retention import superfluous_weights
 
 OLD_SECONDS = 3600.0  # a temporary file of this age belongs to a process that was killed
 
@@ -49,7 +48,13 @@ def clean(root: Path, keep_every: int | None, delete: bool, orphans: bool, say: 
         delete: whether to remove it.
         orphans: whether stages that no plan names go too: those of other versions, data or settings.
         say: prints a line for the user.
+
+    Raises:
+        StoreError: a sweep is running on the store.
     """
+    for lease in (root / "plans").glob("*.lease"):
+        if delete and (holder := holder_of(lease)) is not None:
+            raise StoreError(f"{lease.stem} is being run by {holder}; nothing is removed meanwhile")
     found = list(_weights(root, keep_every)) + list(_temporary(root))
     orphaned = list(_orphans(root))
     kinds: dict[str, list[Waste]] = {}
@@ -88,23 +93,9 @@ def _stages(root: Path) -> Iterator[tuple[StagePaths, Stage]]:
 
 def _weights(root: Path, keep_every: int | None) -> Iterator[Waste]:
     for paths, stage in _stages(root):
-        if not paths.done.exists():
-            continue
-        means = {read_marker(paths, step).epoch - stage.start_epoch: _mean(paths, step) for step in paths.steps()}
-        for step in paths.steps():
-            epoch = read_marker(paths, step).epoch - stage.start_epoch
-            weights = paths.weights(step)
-            if epoch not in kept_epochs(sorted(means), means, keep_every) and weights.exists():
-                yield Waste("weights of checkpoints that are neither last, best nor every k-th", weights)
-
-
-def _mean(paths: StagePaths, step: int) -> float:
-    """Mean 3D AP under the protocol it was scored with first; a checkpoint without scores counts as none."""
-    files = sorted(paths.folder.glob(f"scores/*/{step:08d}.json"), key=lambda path: path.stat().st_mtime)
-    if not files:
-        return 0.0
-    aps = json.loads(files[0].read_text())
-    return float(sum(aps[key] for key in MEAN_3D))
+        if paths.done.exists():
+            for path in superfluous_weights(paths, stage, keep_every):
+                yield Waste("weights of checkpoints that are neither last, best nor every k-th", path)
 
 
 def _temporary(root: Path) -> Iterator[Waste]:
@@ -116,7 +107,8 @@ def _temporary(root: Path) -> Iterator[Waste]:
 def _orphans(root: Path) -> Iterator[Waste]:
     named: set[str] = set()
     for plan in (root / "plans").glob("*.json"):
-        for trial in json.loads(plan.read_text())["trials"]:
+        frozen = json.loads(plan.read_text())
+        for trial in [*frozen["trials"], *frozen.get("earlier", [])]:
             named |= set(trial["stages"])
     for paths, _ in _stages(root):
         if paths.folder.name not in named:

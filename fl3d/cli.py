@@ -249,9 +249,13 @@ def ui(arguments: list[str]) -> None:
 
     parser = _parser("ui", ui.__doc__)
     parser.add_argument("--root", type=Path, default=Path("runs"), help="folder of the store (default: runs)")
+    parser.add_argument("--uri", help="of another store, as store.uri of the sweep: postgresql://USER@HOST/NAME")
     parser.add_argument("--port", type=int, default=5000, help="default: 5000")
     options = parser.parse_args(arguments)
-    store = Store(options.root)
+    store = Store(options.root, options.uri)
+    if store.is_server:
+        print(f"That is a server: open {store.uri}/#/experiments?workflowType=machine_learning")
+        return
     if not store.exists:
         raise StoreError(f"{options.root}: there is no store yet; run a sweep first, such as: make sweep-gamma")
     print(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +15,7 @@ from hydra import compose, initialize_config_dir
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import Override, OverrideType
 from hydra.errors import HydraException
 from hydra.types import RunMode
 from hydra.utils import get_class, instantiate
@@ -92,14 +93,35 @@ def multirun(overrides: Sequence[str]) -> Multirun:
 
 def multirun_of(loader: ConfigLoader, composed: DictConfig, arguments: list[str]) -> Multirun:
     """The same, from what Hydra hands to a sweeper."""
+    bases: dict[tuple[str, ...], DictConfig] = {}
 
     def compose_trial(overrides: Sequence[str]) -> Config:
+        # Composing takes a seventh of a second; trials that differ in plain values alone share one composition.
+        plain = [line for line in overrides if _is_plain_value(_parse(line), composed)]
+        rest = tuple(line for line in overrides if line not in plain)
         try:
-            return resolve(loader.load_sweep_config(composed, list(overrides)))
-        except HydraException as error:
+            if rest not in bases:
+                bases[rest] = loader.load_sweep_config(composed, list(rest))
+            config = copy.deepcopy(bases[rest])
+            for line in plain:
+                override = _parse(line)
+                OmegaConf.update(config, override.key_or_group, override.value(), merge=True)
+            return resolve(config)
+        except (HydraException, OmegaConfBaseException) as error:
             raise ConfigError(str(error).strip()) from None
 
     return Multirun(section(composed.hydra, "sweeper"), section(composed.hydra, "launcher"), arguments, compose_trial)
+
+
+def _is_plain_value(override: Override, composed: DictConfig) -> bool:
+    """Whether an override only sets a number, text or the like that the config has already: no group, no new key."""
+    if override.is_sweep_override() or override.type is not OverrideType.CHANGE or override.package is not None:
+        return False
+    is_group = (CONF / override.key_or_group).is_dir()
+    found = OmegaConf.select(composed, override.key_or_group, throw_on_resolution_failure=False)
+    value = override.value()
+    has_key = found is not None and not OmegaConf.is_config(found)
+    return not is_group and has_key and isinstance(value, int | float | bool | str)
 
 
 def section(hydra: Any, name: str) -> Config:

@@ -108,10 +108,11 @@ def _chain(config: Config, row: pd.Series, column: str, run: str) -> Iterator[st
     yield f"  trial       {row['trial']} (seed {row['seed']}), {row[column]!r} at step {step}"
     yield f"  run         {run} in MLflow's experiment {names(config).experiment}"
     for spec in chain:
-        made = spec["machine"].get("provenance", {})
+        stage = spec["stage"]
+        own = StagePaths(stages_root / stage["key"])
+        made = read_marker(own, own.steps()[-1]).made_by
         commit = made.get("mlflow.source.git.commit", "unknown")[:12]
         dirty = f" + uncommitted changes {made['fl3d.diff']}" if "fl3d.diff" in made else ""
-        stage = spec["stage"]
         yield f"  stage       {stage['key']}: {stage['epochs']} epochs from step {stage['start_step']}"
         yield f"              commit {commit}{dirty}; {made.get('fl3d.packages', '')}"
         yield f"              on {made.get('fl3d.machine', 'unknown')}, device {spec['machine']['device']}"

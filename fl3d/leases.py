@@ -69,16 +69,20 @@ class Lease:
         Raises:
             StoreError: somebody has, for this process stood still for too long.
         """
-        holder = _read(self.path)
+        try:
+            holder = _read(self.path)
+        except OSError:
+            return  # the file system does not answer: nobody else can take it now either
         if holder is None or holder.token != self.holder.token:
             raise StoreError(f"{self.path}: taken over by {holder or 'nobody'}, as it was not renewed in time")
 
     def release(self) -> None:
         """Give it back."""
         self._ended.set()
-        holder = _read(self.path)
-        if holder is not None and holder.token == self.holder.token:
-            self.path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            holder = _read(self.path)
+            if holder is not None and holder.token == self.holder.token:
+                self.path.unlink(missing_ok=True)
 
     def _renew(self) -> None:
         while not self._ended.wait(RENEW_SECONDS):
@@ -93,15 +97,18 @@ def leased(path: Path, wait: bool = True) -> Iterator[Lease]:
 
     Args:
         path: of its file; folders are made.
-        wait: whether to wait for another holder, or to raise at once.
+        wait: whether to wait for another holder, or to raise as soon as it is known to live.
 
     Raises:
         StoreError: another process holds it; the message names it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    own = _myself()
+    own, first = _myself(), None
     while (other := _take(path, own)) is not None:
-        if not wait:
+        seen = (other.token, _renewed(path))
+        first = first or seen
+        # Whether a process of another machine or container lives shows when it renews its lease.
+        if not wait and (other.system == own.system or seen != first):
             raise StoreError(f"{path}: in use by {other}; wait for it or end it")
         time.sleep(POLL_SECONDS)
     lease = Lease(path, own)
@@ -150,10 +157,17 @@ def _has_gone(path: Path, holder: Holder) -> bool:
         probe.unlink(missing_ok=True)
 
 
+def _renewed(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
+
+
 def _read(path: Path) -> Holder | None:
     try:
         return Holder(**json.loads(path.read_text()))
-    except (OSError, ValueError, TypeError):
+    except (FileNotFoundError, ValueError, TypeError):
         return None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -10,11 +11,11 @@ from pathlib import Path
 from fl3d.config import build
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.prepare import prepare_data
-from fl3d.errors import ConfigError
+from fl3d.errors import ConfigError, StoreError
 from fl3d.evaluation.detections import Validation, read_detections, read_validation, to_labels
 from fl3d.evaluation.protocol import Protocol
 from fl3d.files import write_text
-from fl3d.leases import leased
+from fl3d.leases import Lease, holder_of, leased
 from fl3d.provenance import provenance, uncommitted
 from fl3d.records import Config, StagePaths, Trial
 from fl3d.reports.figures import birds_eye
@@ -65,21 +66,39 @@ class Sweep:
             StoreError: another process is running this sweep on this store, or the store cannot be reached.
             StageFailed: a stage failed; all others are trained and scored.
         """
-        with leased(self.names.plan(self.root).with_suffix(".lease"), wait=False):
+        launcher.open()
+        with leased(self.names.plan(self.root).with_suffix(".lease"), wait=False) as lease:
+            self._refuse_several_machines()
             self.store.open()
-            self._freeze()
+            if self.plan.trials:
+                self._freeze()
             scores = self._scoreboard()
             recorder = self._recorder(scores)
             try:
-                outcome, told = self._train(launcher, recorder, scores)
+                outcome, told = self._train(launcher, recorder, scores, lease)
             except BaseException:
                 recorder.interrupt()
                 raise
-            recorder.attach(self.report(told), "results")
+            written = [path for path in self.report(told) if path.name != "scores.csv"]  # MLflow holds the scores
+            recorder.attach(written, "results")
         outcome.check()
         return outcome
 
-    def _train(self, launcher: Launcher, recorder: Recorder, scores: Scoreboard) -> tuple[Outcome, str]:
+    def _refuse_several_machines(self) -> None:
+        """SQLite's journal lies in one machine's memory: two that write to it over a shared folder destroy it.
+
+        Raises:
+            StoreError: another machine runs a sweep on this root.
+        """
+        for path in (self.root / "plans").glob("*.lease") if self.store.is_file else ():
+            holder = holder_of(path)
+            if holder is not None and holder.host != socket.gethostname():
+                raise StoreError(
+                    f"{path}: {holder} runs a sweep on this store, and SQLite is for one machine at a time; "
+                    "give both a server: store.uri=postgresql://USER@HOST/NAME or http://HOST:PORT"
+                )
+
+    def _train(self, launcher: Launcher, recorder: Recorder, scores: Scoreboard, lease: Lease) -> tuple[Outcome, str]:
         costs = Costs(self.stages_root, len(self.data.val_ids))
         scheduler = self.scheduler(launcher)
         scheduler.seconds = lambda stage: costs.cost(stage).seconds
@@ -94,7 +113,9 @@ class Sweep:
         with Progress(self.plan, scheduler.paths, costs, launcher.slots) as progress:
             recorder.say = progress.say
             every = self.config["store"]["keep_every"]
-            conductor = Conductor(self.sweeper, self.planner, scheduler, recorder, scores, progress, grown, every)
+            conductor = Conductor(
+                self.sweeper, self.planner, scheduler, recorder, scores, progress, grown, every, lease.check
+            )
             outcome = conductor.run()
         return outcome, self.sweeper.report(conductor.standings(), results_folder(self.config))
 
@@ -114,9 +135,16 @@ class Sweep:
         return Scheduler(self.plan, self.machine(), launcher, self.stages_root)
 
     def _freeze(self) -> None:
-        """Keep the plan, so that tables can be made of these trials later, whatever configs say then."""
+        """Keep the plan, so that tables can be made of these trials later, whatever configs say then.
+
+        Trials of earlier starts under the same name are remembered too: their stages are nobody's waste.
+        """
+        path = self.names.plan(self.root)
         trials = [{"key": t.key, "overrides": list(t.overrides), "stages": t.stages} for t in self.plan.trials]
-        write_text(self.names.plan(self.root), json.dumps({"trials": trials}, indent=1) + "\n")
+        before = json.loads(path.read_text()) if path.exists() else {"trials": []}
+        now = {trial.key for trial in self.plan.trials}
+        earlier = {one["key"]: one for one in [*before.get("earlier", []), *before["trials"]] if one["key"] not in now}
+        write_text(path, json.dumps({"trials": trials, "earlier": list(earlier.values())}, indent=1) + "\n")
 
     def machine(self) -> Config:
         """Settings of this machine, see ``training.run.write_spec``."""
@@ -130,6 +158,7 @@ class Sweep:
             "cache_frames": config["data"]["cache_frames"],
             "save_every_steps": config["schedule"]["save_every_steps"],
             "protocol": config["protocol"],
+            "keep_every": config["store"]["keep_every"],
             "provenance": self.provenance,
         }
 
@@ -209,4 +238,5 @@ def run_sweep(sweeper: Sweeper, launcher: Config) -> None:
     """
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     built: Launcher = build(launcher, "hydra.launcher")
+    built.open()
     Sweep(sweeper).run(built)

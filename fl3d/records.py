@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +75,8 @@ class Checkpoint:
         seconds: of training since the checkpoint before, and of detection and scoring.
         sha256: of the weights file.
         detections_sha256: of the detections file.
+        time_ms: when it was made, milliseconds since 1970.
+        made_by: commit, versions and machine, see ``provenance``.
     """
 
     stage: str
@@ -85,6 +87,8 @@ class Checkpoint:
     seconds: Mapping[str, float]
     sha256: str
     detections_sha256: str = ""
+    time_ms: int = 0
+    made_by: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from fl3d.cli import COMMANDS
-from fl3d.config import CONF, build, compose_config
+from fl3d.config import CONF, build, compose_config, multirun
 from fl3d.errors import ConfigError
 from fl3d.evaluation.protocol import Protocol
 from fl3d.training.build import build_detector, build_optimizer
@@ -40,6 +40,19 @@ def test_every_file_composes_and_builds(path: Path) -> None:
         detector = build_detector(config)
     assert build_optimizer(config, detector).param_groups[0]["lr"] > 0
     assert Protocol(**config["protocol"]).id
+
+
+def test_a_sweeps_trials_are_composed_as_hydra_composes_each() -> None:
+    """Trials that differ in plain values share a composition; the result is Hydra's own."""
+    points = [
+        ["detector=fcn3d", "loss.gamma=0.5", "seed=3"],
+        ["detector=fcn3d", "loss.gamma=2", "schedule.epochs.focal=4", "optimizer.lr=1e-3"],
+        ["detector=voxelnet", "+schedule.stages.focal.set.loss.alpha=2", "protocol.ignore_beyond=null"],
+        ["schedule=from_scratch", "data.train_frames=7", "detector.heading_fold=null", "store.root='a b'"],
+    ]
+    shared = multirun(["profile=quick", "hydra/launcher=inline"])
+    for point in points:
+        assert shared.compose(point) == compose_config(["profile=quick", *point])
 
 
 def test_every_sweep_says_what_it_asks_and_which_command_runs_it() -> None:

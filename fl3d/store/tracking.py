@@ -25,6 +25,7 @@ os.environ.setdefault("DO_NOT_TRACK", "true")
 
 import mlflow
 import pandas as pd
+import requests
 import sqlalchemy as sa
 from mlflow import MlflowClient
 from mlflow.entities import Dataset, DatasetInput, InputTag, LoggedModel, Metric, Param, RunTag
@@ -38,7 +39,12 @@ from fl3d.store.reading import read_database, read_server
 PARAMS_BATCH = 100  # MLflow takes no more parameters in one request
 TRIAL_TAG, PROTOCOL_TAG, STORE_TAG = "fl3d.trial", "fl3d.protocol", "fl3d.store"
 POSSIBLE = "sqlite:///FILE, postgresql://USER@HOST/NAME, http://HOST:PORT (an MLflow server)"
+PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
 SCHEMA_LOCK = 0x666C3364  # of PostgreSQL, while MLflow makes its tables
+
+
+CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
+PASSING = ("TEMPORARILY_UNAVAILABLE", "DEADLINE_EXCEEDED", "RESOURCE_EXHAUSTED")  # MLflow's codes of what will pass
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,11 @@ class Store:
         return not self.uri.startswith("sqlite:") or Path(self.uri.removeprefix("sqlite:///")).exists()
 
     @property
+    def is_file(self) -> bool:
+        """Whether it is a SQLite file."""
+        return self.uri.startswith("sqlite:")
+
+    @property
     def is_server(self) -> bool:
         """Whether it is an MLflow server."""
         return self.uri.startswith("http")
@@ -89,7 +100,11 @@ class Store:
         """Tells the runs of this root from those of others in a shared store; made at first use."""
         path = self.root / "id"
         if not path.exists():
-            write_text(path, uuid.uuid4().hex + "\n")
+            own = path.with_name(f".id.{uuid.uuid4().hex}.tmp")
+            write_text(own, uuid.uuid4().hex + "\n")
+            with contextlib.suppress(FileExistsError):  # another process was first
+                os.link(own, path)
+            own.unlink()
         return path.read_text().strip()
 
     def open(self) -> None:
@@ -276,8 +291,10 @@ class Store:
 
 
 def database_url(uri: str) -> str:
-    """A URL with the driver that fl3d installs: SQLAlchemy's own choice for ``postgresql://`` is another one."""
-    return uri.replace("postgresql://", "postgresql+psycopg2://", 1) if uri.startswith("postgresql://") else uri
+    """A URL with the driver that fl3d installs, and with limits on how long a host that has vanished is waited for."""
+    if uri.startswith("postgresql://"):  # SQLAlchemy's own choice is another driver
+        uri = uri.replace("postgresql://", "postgresql+psycopg2://", 1)
+    return uri + PATIENCE if uri.startswith("postgresql+psycopg2://") and "?" not in uri else uri
 
 
 class _Guarded:
@@ -311,10 +328,10 @@ def _outages() -> Iterator[None]:
     """
     try:
         yield
-    except (sa.exc.OperationalError, sa.exc.InterfaceError) as error:
+    except (*CONNECTION_ERRORS, requests.RequestException) as error:
         raise StoreDown(str(error).splitlines()[0]) from error
     except MlflowException as error:
         unreachable = str(error).startswith("API request to ") and error.error_code == "INTERNAL_ERROR"
-        if error.error_code == "TEMPORARILY_UNAVAILABLE" or unreachable:
+        if error.error_code in PASSING or unreachable or isinstance(error.__cause__, CONNECTION_ERRORS):
             raise StoreDown(str(error).splitlines()[0]) from error
         raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from fl3d.leases import holder_of
 from fl3d.records import Stage, StagePaths, Trial
 from fl3d.sweep.planner import Planner
 from fl3d.sweep.progress import Progress
@@ -28,6 +29,7 @@ class Conductor:
         progress: shown to the user.
         grown: called whenever the scheduler's plan has grown.
         keep_every: see ``retention.kept_epochs``.
+        check: makes sure that this process still leads the sweep.
     """
 
     def __init__(
@@ -40,10 +42,12 @@ class Conductor:
         progress: Progress,
         grown: Callable[[], None],
         keep_every: int | None,
+        check: Callable[[], None],
     ) -> None:
         self.sweeper, self.planner, self.scheduler = sweeper, planner, scheduler
         self.recorder, self.scores, self.progress, self.grown = recorder, scores, progress, grown
-        self.keep_every = keep_every
+        self.keep_every, self.check = keep_every, check
+        self._told: set[str] = set()
         self._tidied: set[str] = set()
 
     def run(self) -> Outcome:
@@ -59,23 +63,32 @@ class Conductor:
         """How all trials stand, with the scores that are on disk."""
         plan = self.scheduler.plan
         return {
-            trial.key: Standing(trial, self._state(trial), self.scores.curve(plan.stages[trial.key]))
+            trial.key: Standing(
+                trial, self._state(trial), self.scores.curve(plan.stages[trial.key]), plan.stages[trial.key].epochs
+            )
             for trial in plan.trials
         }
 
     def _tick(self, running: list[Stage]) -> None:
+        self.check()
+        self._say_who_trains_elsewhere()
         if self.recorder.sync(self.scheduler.plan, self._ended()):
             self._tidy()
         if self.sweeper.listens:
             self._advise()
         self.progress.tick(running)
 
+    def _say_who_trains_elsewhere(self) -> None:
+        for key in self.scheduler.elsewhere - self._told:
+            self._told.add(key)
+            self.progress.say(f"{key} is in training by {holder_of(self.scores.paths(key).lease)}; waiting for it")
+
     def _tidy(self) -> None:
         """Drop superfluous weights of stages that are done, once the store has its models."""
         for key, stage in self.scheduler.plan.stages.items():
             if key not in self._tidied and self.scores.paths(key).done.exists():
                 self._tidied.add(key)
-                for path in superfluous_weights(stage, self.scores, self.keep_every):
+                for path in superfluous_weights(self.scores.paths(key), stage, self.keep_every):
                     path.unlink(missing_ok=True)
 
     def _advise(self) -> None:

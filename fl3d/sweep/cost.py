@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import statistics
 import time
@@ -69,6 +70,7 @@ class Costs:
         self._networks: dict[str, _Network] = {}
         # By network and stage name: seconds of a step, and of looking at a validation frame.
         self._rates: dict[tuple[str, str], list[tuple[float, float]]] = {}
+        self._medians: dict[tuple[str, str], tuple[float, float] | None] = {}
         self._learned: set[tuple[str, int]] = set()
         self._stages: dict[str, tuple[Stage, int]] = {}  # and its number of validation frames
         self._speed: float | None = None
@@ -80,13 +82,13 @@ class Costs:
         trained, looked_at = stage.steps * batch * (1 + BACKWARD), n_checkpoints * self.n_val
         flops = network.flops * (trained + looked_at)
         boxes = self.n_val * stage.config["detections"]["max_boxes"] * BOX_BYTES
-        rates = self._known_rates(stage)
-        if rates:
-            step, frame = (statistics.median(values) for values in zip(*rates, strict=True))
+        known = self._known_rate(stage)
+        if known is not None:
+            step, frame = known
             seconds = stage.steps * step + looked_at * frame
         else:
             seconds = flops / self.speed()
-        return Cost(seconds, flops, n_checkpoints * network.bytes, n_checkpoints * boxes, bool(rates))
+        return Cost(seconds, flops, n_checkpoints * network.bytes, n_checkpoints * boxes, known is not None)
 
     def learn(self) -> None:
         """Read how long the checkpoints below the folder took; those that were read before are passed over."""
@@ -95,7 +97,8 @@ class Costs:
             for step in paths.steps():
                 if (folder.name, step) not in self._learned:
                     self._learned.add((folder.name, step))
-                    self._learn(paths, step)
+                    with contextlib.suppress(FileNotFoundError):  # cleaned away just now
+                        self._learn(paths, step)
 
     def _learn(self, paths: StagePaths, step: int) -> None:
         key = paths.folder.name
@@ -107,12 +110,18 @@ class Costs:
             steps = stage.epoch_steps * stage.config["schedule"]["checkpoint_every"]
             rate = seconds["training"] / steps, (seconds["detection"] + seconds["scoring"]) / n_val
             self._rates.setdefault((_kind(stage), stage.name), []).append(rate)
+            self._medians.clear()
 
-    def _known_rates(self, stage: Stage) -> list[tuple[float, float]]:
-        """Of stages of the same name, or else of any stage of the same network."""
+    def _known_rate(self, stage: Stage) -> tuple[float, float] | None:
+        """The median of stages of the same name, or else of any stage of the same network."""
         kind = _kind(stage)
-        same = [rates for (other, _), rates in self._rates.items() if other == kind]
-        return self._rates.get((kind, stage.name)) or [rate for rates in same for rate in rates]
+        if (kind, stage.name) not in self._medians:
+            same = [rates for (other, _), rates in self._rates.items() if other == kind]
+            rates = self._rates.get((kind, stage.name)) or [rate for some in same for rate in some]
+            columns = list(zip(*rates, strict=True))
+            median = (statistics.median(columns[0]), statistics.median(columns[1])) if rates else None
+            self._medians[kind, stage.name] = median
+        return self._medians[kind, stage.name]
 
     def _network(self, stage: Stage) -> _Network:
         kind = _kind(stage)

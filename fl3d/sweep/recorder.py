@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from fl3d.errors import StoreDown
+from fl3d.errors import CheckpointError, DataError, StoreDown
 from fl3d.records import StagePaths, Trial
 from fl3d.reports.selection import MEAN_3D, RULES, select
 from fl3d.store.tracking import Scored, Store
@@ -20,6 +20,8 @@ from fl3d.sweep.scoreboard import Scoreboard
 from fl3d.training.checkpoints import load_state, read_marker, save_state
 
 Picture = Callable[[Trial, int, Path], list[Path]]
+UNREADABLE = "UNREADABLE"  # a trial with a file that is torn: the others go on
+SAY_SECONDS = 60.0
 RETRY_SECONDS = 10.0  # between calls to a store that is down
 
 
@@ -78,8 +80,8 @@ class Recorder:
             return False
         try:
             for trial in plan.trials:
-                if self.closed.get(trial.key) != "FINISHED":
-                    self._sync(trial, plan, (ended or {}).get(trial.key))
+                if self.closed.get(trial.key) not in ("FINISHED", UNREADABLE):
+                    self._sync_or_say(trial, plan, (ended or {}).get(trial.key))
         except StoreDown as error:
             if not self._retry_at:
                 self.say(f"The store is down; training goes on, scores wait on disk. {error}")
@@ -90,16 +92,29 @@ class Recorder:
             self._retry_at = 0.0
         return True
 
+    def _sync_or_say(self, trial: Trial, plan: Plan, status: str | None) -> None:
+        try:
+            self._sync(trial, plan, status)
+        except (CheckpointError, DataError) as error:
+            self.say(f"{trial.key}: not recorded any further: {error}")
+            self.closed[trial.key] = UNREADABLE
+
     def finish(self, plan: Plan, ended: Mapping[str, str]) -> None:
         """As ``sync``, but wait for a store that is down."""
+        said = time.monotonic()
         while not self.sync(plan, ended):
             time.sleep(0.5)
+            if time.monotonic() - said > SAY_SECONDS:
+                said = time.monotonic()
+                self.say(
+                    "All is trained. Waiting for the store, to log what is on disk; Ctrl-C and a later start do it too."
+                )
 
     def _sync(self, trial: Trial, plan: Plan, status: str | None) -> None:
         if trial.key not in self.runs:
             self._open(trial, plan)
         for key in trial.stages:
-            for step in self.scores.paths(key).steps():
+            for step in self.scores.steps(key):
                 if step not in self.logged[trial.key]:
                     self.store.log(self.runs[trial.key], self._scored(key, step))
                     self.logged[trial.key].add(step)
@@ -141,7 +156,7 @@ class Recorder:
         values = {**aps, "mean_3d": sum(aps[k] for k in MEAN_3D) / 3, "epoch": marker.epoch, "train/lr": marker.lr}
         values |= {f"loss/{name}": value for name, value in marker.losses.items()}
         values |= {f"seconds/{name}": value for name, value in marker.seconds.items()}
-        return Scored(step, int(paths.marker(step).stat().st_mtime * 1000), values)
+        return Scored(step, marker.time_ms or int(paths.marker(step).stat().st_mtime * 1000), values)
 
     def _finish(self, trial: Trial, plan: Plan) -> None:
         """Log the last and the best checkpoint as models, a picture and the config; close the run."""

@@ -5,36 +5,48 @@ Markers, detections and scores of all checkpoints are kept: they are small, and 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from fl3d.records import Stage
+from fl3d.records import Stage, StagePaths
 from fl3d.reports.selection import MEAN_3D
-from fl3d.sweep.scoreboard import Scoreboard
 
 
-def kept_epochs(epochs: Sequence[int], means: Mapping[int, float], every: int | None) -> set[int]:
+def kept_epochs(epochs: Sequence[int], means: Iterable[Mapping[int, float]], every: Iterable[int | None]) -> set[int]:
     """Epochs of a finished stage whose weights are kept. Pure.
 
     Args:
         epochs: of its checkpoints, rising.
-        means: mean 3D AP at each; the earliest of the highest is the best.
-        every: keep each epoch that this number divides; None: only the last and the best.
+        means: mean 3D AP at each, under each protocol it was scored with; the earliest of the highest is the best.
+        every: numbers asked for: each epoch that one of them divides is kept; None: only the last and the best.
     """
-    best = max(epochs, key=lambda epoch: (means[epoch], -epoch))
-    return {epochs[-1], best} | {epoch for epoch in epochs if every and epoch % every == 0}
+    best = {max(own, key=lambda epoch: (own[epoch], -epoch)) for own in means}
+    divided = {epoch for epoch in epochs for number in every if number and epoch % number == 0}
+    return {epochs[-1]} | best | divided
 
 
-def superfluous_weights(stage: Stage, scores: Scoreboard, every: int | None) -> list[Path]:
-    """Weights files of a finished stage that the rule does not keep."""
-    curve = scores.curve(stage)
-    means = {epoch: sum(aps[key] for key in MEAN_3D) for epoch, aps in curve.items()}
-    kept = kept_epochs(sorted(curve), means, every)
-    paths = scores.paths(stage.key)
-    steps = [stage.start_step + epoch * stage.epoch_steps for epoch in sorted(set(curve) - kept)]
-    return [path for path in map(paths.weights, steps) if path.exists()]
+def superfluous_weights(paths: StagePaths, stage: Stage, every: int | None) -> list[Path]:
+    """Weights files of a finished stage that the rule does not keep.
+
+    Args:
+        paths: of the stage.
+        stage: the stage.
+        every: asked for now; what was asked for when it was trained counts too.
+    """
+    asked = json.loads(paths.spec.read_text())["machine"].get("keep_every")
+    steps = {(step - stage.start_step) // stage.epoch_steps: step for step in paths.steps()}
+    protocols = [folder for folder in (paths.folder / "scores").glob("*") if folder.is_dir()]
+    means = [{epoch: _mean(paths, step, own.name) for epoch, step in steps.items()} for own in protocols]
+    kept = kept_epochs(sorted(steps), means, (every, asked))
+    files = [paths.weights(step) for epoch, step in sorted(steps.items()) if epoch not in kept]
+    return [file for file in files if file.exists()]
 
 
-def size(paths: Iterable[Path]) -> int:
-    """Bytes of files."""
-    return sum(path.stat().st_size for path in paths)
+def _mean(paths: StagePaths, step: int, protocol: str) -> float:
+    """Sum of the 3D APs; a checkpoint that was not scored under the protocol is not its best."""
+    path = paths.scores(step, protocol)
+    if not path.exists():
+        return -1.0
+    aps = json.loads(path.read_text())
+    return float(sum(aps[key] for key in MEAN_3D))

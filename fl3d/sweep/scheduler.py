@@ -11,12 +11,13 @@ from pathlib import Path
 from fl3d.errors import StageFailed
 from fl3d.leases import holder_of
 from fl3d.records import Config, Stage, StagePaths
-from fl3d.sweep.launchers.base import Job, JobState, Launcher
+from fl3d.sweep.launchers.base import Job, JobState, Launcher, LauncherBusy
 from fl3d.sweep.plan import Plan, longest_paths
 from fl3d.training.run import write_spec
 
 MAX_TRIES = 3  # of a stage that was killed
 POLL_SECONDS = 0.2
+BUSY_SECONDS = 30.0  # before a launcher that refused a stage is asked again
 
 
 @dataclass
@@ -82,7 +83,9 @@ class Scheduler:
         self._done: set[str] = set()
         self._running: dict[str, Job] = {}
         self._elsewhere: set[str] = set()
-        self._tries: dict[str, int] = {}
+        self._tries: dict[str, int] = {}  # since a stage last got on
+        self._newest: dict[str, int] = {}  # step, when a stage was started
+        self._wait_until = 0.0
         self._saw: set[str] = set()
 
     def paths(self, key: str) -> StagePaths:
@@ -95,8 +98,8 @@ class Scheduler:
             while True:
                 self._collect()
                 self._look()
+                self._start_ready()  # before anything that waits for a store
                 self.on_tick([self.plan.stages[key] for key in self._running])
-                self._start_ready()
                 if not self._running and not self._elsewhere and not self._has_news():
                     break
                 time.sleep(POLL_SECONDS)
@@ -106,6 +109,11 @@ class Scheduler:
             self.launcher.close()
         self.on_tick([])
         return self.outcome
+
+    @property
+    def elsewhere(self) -> set[str]:
+        """Keys of stages that are ready, and that another sweep trains."""
+        return self._elsewhere
 
     def stop(self, key: str) -> None:
         """End a stage before its last epoch; what it has done stays."""
@@ -131,7 +139,7 @@ class Scheduler:
 
     def _start_ready(self) -> None:
         self._elsewhere = set()
-        if len(self._running) >= self.launcher.slots:
+        if len(self._running) >= self.launcher.slots or time.monotonic() < self._wait_until:
             return
         ready = [stage for stage in self.plan.stages.values() if self._is_ready(stage)]
         if ready:
@@ -143,10 +151,27 @@ class Scheduler:
             if holder_of(self.paths(stage.key).lease) is not None:
                 self._elsewhere.add(stage.key)  # another sweep trains it; it will be done, or its lease will end
                 continue
-            write_spec(self.paths(stage.key), stage, self.machine)
-            self._tries[stage.key] = self._tries.get(stage.key, 0) + 1
-            parent = self._running.get(stage.parent) if stage.parent else None
-            self._running[stage.key] = self.launcher.launch(self.paths(stage.key).folder, parent)
+            if not self._launch(stage):
+                break
+
+    def _launch(self, stage: Stage) -> bool:
+        """Give a stage to the launcher; False where that takes no more for a while."""
+        paths = self.paths(stage.key)
+        write_spec(paths, stage, self.machine)
+        parent = self._running.get(stage.parent) if stage.parent else None
+        try:
+            self._running[stage.key] = self.launcher.launch(paths.folder, parent)
+        except LauncherBusy:
+            if not self._running:
+                raise
+            self._wait_until = time.monotonic() + BUSY_SECONDS
+            return False
+        newest = max(paths.steps(), default=-1)
+        if newest > self._newest.get(stage.key, -1):
+            self._tries[stage.key] = 0  # it got on since it was killed last
+        self._newest[stage.key] = newest
+        self._tries[stage.key] = self._tries.get(stage.key, 0) + 1
+        return True
 
     def _todo(self) -> Mapping[str, float]:
         return {k: self.seconds(stage) for k, stage in self.plan.stages.items() if k not in self._done}
@@ -167,8 +192,8 @@ class Scheduler:
             if self.paths(key).done.exists():
                 self._done.add(key)
                 self.outcome.trained.append(key)
-            elif self._parent_is_lost(key):
-                continue
+            elif self._parent_is_lost(key) or holder_of(self.paths(key).lease) is not None:
+                continue  # or another sweep has taken it over
             elif state is not JobState.KILLED or self._tries[key] >= MAX_TRIES:
                 self._fail(key, state)
 
@@ -187,7 +212,9 @@ class Scheduler:
     def _fail(self, key: str, state: JobState) -> None:
         error = self.paths(key).error
         trace = error.read_text() if error.exists() and state is not JobState.KILLED else ""
-        trace = trace or f"killed {self._tries[key]} times"
+        if not trace:
+            killed = f"killed {self._tries[key]} times since it last got on"
+            trace = killed if state is JobState.KILLED else "ended without a traceback; see the logs in its folder"
         self.outcome.failed[key] = trace
         stopped = {key}
         for stage in self.plan.stages.values():

@@ -38,13 +38,16 @@ def plan_tree(plan: Plan, note: Callable[[Stage], str]) -> list[str]:
 
 def labels(siblings: list[Stage]) -> Mapping[str, str]:
     """What sets each of some stages apart: its detector, its name, and the values that differ within the detector."""
+    values = {stage.key: dict(leaves(stage.config)) for stage in siblings}
+    seen: dict[tuple[str, str], dict[str, set[str]]] = {}
+    for stage in siblings:
+        texts = seen.setdefault((_target(stage), stage.name), {})
+        for key, value in values[stage.key].items():
+            texts.setdefault(key, set()).add(repr(value))
     found = {}
     for stage in siblings:
-        kin = [other for other in siblings if _target(other) == _target(stage) and other.name == stage.name]
-        values = [dict(leaves(other.config)) for other in kin]
-        varied = {key for own in values for key in own if len({repr(one.get(key)) for one in values}) > 1}
-        own = dict(leaves(stage.config))
-        told = [f"{key}={own[key]}" for key in sorted(varied) if key in own]
+        texts = seen[_target(stage), stage.name]
+        told = [f"{key}={value}" for key, value in sorted(values[stage.key].items()) if len(texts[key]) > 1]
         detector = [_target(stage).rsplit(".", 1)[-1]] if stage.parent is None else []
         found[stage.key] = " ".join([*detector, stage.name, *told])
     return found

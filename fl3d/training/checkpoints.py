@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import pickle
+import sys
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,9 +22,20 @@ State = dict[str, Any]
 
 
 def save_state(path: Path, state: State) -> str:
-    """Write a state of tensors and plain values; returns the file's SHA-256."""
-    write_atomically(path, lambda temporary: torch.save(state, temporary))
+    """Write a state of tensors and plain values, equal ones to equal bytes; returns the file's SHA-256."""
+    buffer = io.BytesIO()  # torch would write the temporary file's name into the file
+    torch.save(_plain(state), buffer)
+    write_atomically(path, lambda temporary: temporary.write_bytes(buffer.getbuffer()))
     return file_digest(path)
+
+
+def _plain(value: Any) -> Any:
+    """Equal texts as one object: pickle writes an object once, and a state that was loaded has several."""
+    if isinstance(value, Mapping):
+        return {_plain(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(_plain(item) for item in value)
+    return sys.intern(value) if isinstance(value, str) else value
 
 
 def load_state(path: Path) -> State:

@@ -21,7 +21,7 @@ from fl3d.files import write_text
 from fl3d.leases import Lease, leased
 from fl3d.records import Checkpoint, Config, Stage, StagePaths
 from fl3d.training.build import build_detector, build_optimizer, build_protocol, build_schedule
-from fl3d.training.checkpoints import State, last_state, load_state, save_state, write_marker
+from fl3d.training.checkpoints import State, last_state, load_state, read_marker, save_state, write_marker
 from fl3d.training.reproducibility import prepare
 from fl3d.training.trainer import Averages, Trainer, detect_frames
 
@@ -54,12 +54,12 @@ def run_stage(folder: Path) -> None:
         raise ConfigError(f"{paths.spec}: no such file; a sweep writes it when it starts the stage")
     try:
         with leased(paths.lease) as lease:
+            paths.error.unlink(missing_ok=True)
             if not paths.done.exists():
                 _Run(paths, lease).run()
-    except BaseException:
+    except Exception:
         write_text(paths.error, traceback.format_exc())
         raise
-    paths.error.unlink(missing_ok=True)
 
 
 class _Run:
@@ -99,6 +99,7 @@ class _Run:
                 self.trainer.train_epoch(self._after_step)
             self._checkpoint_if_due()
         self._show(force=True)
+        self.lease.check()
         ended = {"step": self.trainer.step, "started": self._started, "ended": time.time()}
         ended["cpu_seconds"] = round(time.process_time() - self._cpu, 3)  # of the last process that trained it
         write_text(self.paths.done, json.dumps(ended) + "\n")
@@ -134,6 +135,7 @@ class _Run:
         self._show()
         every = self.schedule.save_every_steps
         if every and self.trainer.step % every == 0:
+            self.lease.check()
             save_state(self.paths.resume, self.trainer.state())
 
     def _checkpoint_if_due(self) -> None:
@@ -164,8 +166,23 @@ class _Run:
             write_scores(self.paths, step, self.validation, self.protocol)
         seconds = self.timer.take()
         found_sha256 = file_digest(self.paths.detections(step))
-        epoch = self.trainer.epoch
-        write_marker(self.paths, Checkpoint(self.stage.key, step, epoch, lr, losses, seconds, sha256, found_sha256))
+        made = self.machine.get("provenance", {})
+        self.lease.check()
+        write_marker(
+            self.paths,
+            Checkpoint(
+                self.stage.key,
+                step,
+                self.trainer.epoch,
+                lr,
+                losses,
+                seconds,
+                sha256,
+                found_sha256,
+                _first_made(self.paths, step),
+                made,
+            ),
+        )
 
     def _show(self, force: bool = False) -> None:
         """Renew the progress file; leave when the parent process has gone."""
@@ -200,6 +217,13 @@ def write_scores(paths: StagePaths, step: int, validation: Validation, protocol:
     if not path.exists():
         scores = score(read_detections(paths.detections(step)), validation, protocol)
         write_text(path, json.dumps(scores, indent=1) + "\n")
+
+
+def _first_made(paths: StagePaths, step: int) -> int:
+    """Milliseconds since 1970 at which a checkpoint was first made: made again, it keeps its place in the store."""
+    if paths.marker(step).exists():
+        return read_marker(paths, step).time_ms
+    return int(time.time() * 1000)
 
 
 class _Timer:

@@ -32,6 +32,7 @@ PATIENCE = 120.0  # seconds
 def make(name: str, *overrides: str) -> Launcher:
     section = multirun([f"hydra/launcher={name}", *overrides]).launcher
     launcher: Launcher = build(section, "hydra.launcher")
+    launcher.open()
     return launcher
 
 

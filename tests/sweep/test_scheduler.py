@@ -2,6 +2,7 @@
 
 import json
 import os
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -106,7 +107,103 @@ def test_a_stage_that_is_killed_every_time_fails_in_the_end(tmp_path: Path) -> N
     launcher = FakeLauncher(1, {"a": [JobState.KILLED] * 9})
     outcome = Scheduler(tree(stage("a", None)), {}, launcher, tmp_path).run()
     assert launcher.order == ["a"] * MAX_TRIES
-    assert outcome.failed == {"a": f"killed {MAX_TRIES} times"}
+    assert outcome.failed == {"a": f"killed {MAX_TRIES} times since it last got on"}
+
+
+def test_a_plan_may_grow_while_it_runs(tmp_path: Path) -> None:
+    """As an Optuna study makes it: the last stage of one trial is what proposes the next."""
+    scheduler = Scheduler(tree(stage("a", None)), {}, FakeLauncher(1), tmp_path)
+
+    def grow(running: list[Stage]) -> None:
+        names = sorted(scheduler.plan.stages)
+        if scheduler.paths(names[-1]).done.exists() and len(names) < 4:
+            scheduler.plan = scheduler.plan.joined(tree(stage("abcd"[len(names)], names[-1])))
+
+    scheduler.on_tick = grow
+    assert scheduler.run().trained == ["a", "b", "c", "d"]
+
+
+def test_a_stopped_stage_is_ended_or_not_begun_and_no_failure(tmp_path: Path) -> None:
+    launcher = FakeLauncher(1, {"a": [JobState.RUNNING]})
+    scheduler = Scheduler(tree(stage("a", None), stage("b", None)), {}, launcher, tmp_path)
+
+    def stop(running: list[Stage]) -> None:
+        if running:
+            scheduler.stop("a")
+            scheduler.stop("b")
+
+    scheduler.on_tick = stop
+    outcome = scheduler.run()
+    assert outcome.stopped == ["a", "b"]
+    assert launcher.order == ["a"]
+    assert launcher.jobs[0].cancelled
+    outcome.check()
+
+
+def test_a_stage_that_another_sweep_trains_is_waited_for(tmp_path: Path) -> None:
+    launcher = FakeLauncher(2)
+    scheduler = Scheduler(tree(stage("a", None), stage("a1", "a"), stage("b", None)), {}, launcher, tmp_path)
+    ticks: list[list[str]] = []
+    with ExitStack() as elsewhere:
+        elsewhere.enter_context(leased(scheduler.paths("a").lease))
+
+        def tick(running: list[Stage]) -> None:
+            ticks.append(list(launcher.order))
+            if len(ticks) == 20:  # the other sweep is through
+                scheduler.paths("a").done.write_text("{}")
+                elsewhere.close()
+
+        scheduler.on_tick = tick
+        outcome = scheduler.run()
+    assert ticks[19] == ["b"]
+    assert launcher.order == ["b", "a1"]
+    assert outcome.reused == ["a"]
+
+
+def test_what_another_sweep_leaves_undone_is_taken_over(tmp_path: Path) -> None:
+    launcher = FakeLauncher(1)
+    scheduler = Scheduler(tree(stage("a", None)), {}, launcher, tmp_path)
+    with ExitStack() as elsewhere:
+        elsewhere.enter_context(leased(scheduler.paths("a").lease))
+        ticks: list[int] = []
+
+        def tick(running: list[Stage]) -> None:
+            ticks.append(len(launcher.order))
+            if len(ticks) == 5:
+                elsewhere.close()
+
+        scheduler.on_tick = tick
+        assert scheduler.run().trained == ["a"]
+    assert ticks[:5] == [0] * 5
+
+
+class QueueLauncher(FakeLauncher):
+    """Takes children before their parents are done, as SLURM does."""
+
+    has_queue = True
+
+    def launch(self, folder: Path, after: Job | None = None) -> Job:
+        job = super().launch(folder)
+        assert isinstance(job, FakeJob)
+        job.after = after  # type: ignore[attr-defined]
+        return job
+
+
+def test_a_launcher_with_a_queue_gets_children_behind_their_parents(tmp_path: Path) -> None:
+    launcher = QueueLauncher(9)
+    scheduler = Scheduler(tree(stage("a", None), stage("a1", "a"), stage("a2", "a1")), {}, launcher, tmp_path)
+    scheduler.run()
+    assert launcher.order[:3] == ["a", "a1", "a2"]
+    assert [job.after for job in launcher.jobs[:3]] == [None, *launcher.jobs[:2]]  # type: ignore[attr-defined]
+
+
+def test_queued_children_of_a_stage_that_raised_are_taken_out(tmp_path: Path) -> None:
+    launcher = QueueLauncher(9, {"a": [JobState.RAISED], "a1": [JobState.RUNNING], "a2": [JobState.RUNNING]})
+    outcome = Scheduler(tree(stage("a", None), stage("a1", "a"), stage("a2", "a1")), {}, launcher, tmp_path).run()
+    assert list(outcome.failed) == ["a"]
+    assert outcome.blocked == ["a1", "a2"]
+    assert launcher.order[:2] == ["a", "a1"]
+    assert all(job.cancelled for job in launcher.jobs[1:])
 
 
 def test_an_interrupt_ends_the_running_stages(tmp_path: Path) -> None:

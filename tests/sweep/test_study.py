@@ -8,6 +8,7 @@ import optuna
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
+from fl3d.config import compose_config
 from fl3d.errors import ConfigError, StoreError
 from fl3d.records import Trial
 from fl3d.sweep.sweepers.base import Point, Standing, TrialState
@@ -27,6 +28,7 @@ def base(root: Path) -> dict[str, Any]:
         "sweep": {"name": "search", "tables": []},
         "data": {"name": "made-up"},
         "profile": {"name": "tiny"},
+        "protocol": compose_config([])["protocol"],
     }
 
 
@@ -64,13 +66,14 @@ class World:
                 self.trained.append(name)
                 curve = {**one.curve, len(one.curve) + 1: self.worth(name, len(one.curve) + 1)}
                 state = TrialState.DONE if len(curve) == self.epochs else TrialState.GOING
-                self.standings[name] = Standing(one.trial, state, curve)
+                self.standings[name] = Standing(one.trial, state, curve, self.epochs)
         advice = self.study.advise(self.standings, self.slots)
         for point in advice.points:
             trial = Trial(key(point), point.overrides, point.config, (key(point),))
-            self.standings[trial.key] = Standing(trial, TrialState.GOING, {})
+            self.standings[trial.key] = Standing(trial, TrialState.GOING, {}, self.epochs)
         for name in advice.stop:
-            self.standings[name] = Standing(self.standings[name].trial, TrialState.STOPPED, self.standings[name].curve)
+            one = self.standings[name]
+            self.standings[name] = Standing(one.trial, TrialState.STOPPED, one.curve, self.epochs)
 
     def run(self) -> None:
         for _ in range(200):
@@ -182,7 +185,7 @@ def test_it_stops_asking_when_all_fail(tmp_path: Path) -> None:
     for _ in range(30):
         for point in study.advise(standings, 1).points:
             trial = Trial(key(point), point.overrides, point.config, (key(point),))
-            standings[trial.key] = Standing(trial, TrialState.FAILED, {})
+            standings[trial.key] = Standing(trial, TrialState.FAILED, {}, 4)
     assert states(study) == ["FAIL"] * 3
 
 
@@ -207,8 +210,12 @@ def test_settings_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
 
 def test_a_study_of_other_objectives_or_data_is_not_continued(tmp_path: Path) -> None:
     World(make(tmp_path, n_trials=1), slots=1).run()
-    with pytest.raises(ConfigError, match="begun with"):
+    with pytest.raises(ConfigError, match="objectives: the study 'search-made-up-tiny' was begun with"):
         make(tmp_path, objectives=[EASY])
+    with pytest.raises(ConfigError, match="rule: the study"):
+        make(tmp_path, rule="best")
+    with pytest.raises(ConfigError, match="begun with another space"):
+        make(tmp_path, {"loss.gamma": "interval(0,5)", "seed": "choice(0,1)"})
     study = Study(base(tmp_path), parse_space(GAMMA, []), lambda overrides: {}, sampler=RANDOM)
     with pytest.raises(ConfigError, match="other data, versions or settings"):
         study.open(lambda point: "another identity")

@@ -6,6 +6,12 @@ from abc import ABC, abstractmethod
 from enum import Enum
 from pathlib import Path
 
+from fl3d.errors import Fl3dError
+
+
+class LauncherBusy(Fl3dError):
+    """It takes no more stages for a while, such as a queue that is full."""
+
 
 class JobState(Enum):
     """What has become of a stage that was launched."""
@@ -51,6 +57,9 @@ class Launcher(ABC):
             folder: of the stage.
             after: the parent's job where that still runs; given to launchers that have a queue alone.
         """
+
+    def open(self) -> None:  # noqa: B027
+        """Get ready to launch; may be called again. What only asks for ``slots`` need not open it."""
 
     def close(self) -> None:  # noqa: B027
         """Let go of whatever the launcher holds."""

@@ -56,7 +56,7 @@ class LocalLauncher(Launcher):
     """
 
     def __init__(self, slots: int | None = None, device: str = "cpu", per_card: int = 1) -> None:
-        self._cards = _cards() if device == "cuda" else []
+        self._cards = _cards() if device.startswith("cuda") else []
         self.slots = slots or (len(self._cards) * per_card if self._cards else len(os.sched_getaffinity(0)))
         self._held: dict[int, _Process] = {}
         self._context = mp.get_context("forkserver")
@@ -65,7 +65,10 @@ class LocalLauncher(Launcher):
         self._context.set_forkserver_preload(["fl3d.training.run", *LAZY, *detectors])
         for name in THREADS:
             os.environ.setdefault(name, "1")
-        forkserver.ensure_running()  # it loads while the sweep is being planned
+
+    def open(self) -> None:
+        """Start the server; it loads while the sweep is being planned."""
+        forkserver.ensure_running()
 
     def launch(self, folder: Path, after: Job | None = None) -> Job:
         """Start a process; what it prints goes to ``log.txt`` in the stage's folder."""

@@ -50,7 +50,7 @@ class RayLauncher(Launcher):
         slots: stages at once; None: as many as the cluster's CPUs and GPUs hold when it starts.
 
     Raises:
-        ConfigError: Ray is not installed, or the cluster cannot hold a single stage.
+        ConfigError: Ray is not installed, or (when it is opened) the cluster cannot hold a single stage.
     """
 
     def __init__(
@@ -60,24 +60,30 @@ class RayLauncher(Launcher):
             import ray
         except ImportError:
             raise ConfigError("hydra/launcher=ray needs Ray: pip install 'fl3d[ray]'") from None
-        self._ray = ray
-        self._owns = not ray.is_initialized()
-        if self._owns:
+        self._ray, self._address, self._owns = ray, address, False
+        self._cpus, self._gpus, self._asked = cpus, gpus, slots
+        self.slots = slots or 1
+
+    def open(self) -> None:
+        """Join the cluster, or start one."""
+        ray = self._ray
+        if not ray.is_initialized():
+            self._owns = True
             os.environ.setdefault("RAY_worker_niceness", "0")  # it is 15 otherwise
             os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
             handler = signal.getsignal(signal.SIGTERM)
-            where = address or os.environ.get("RAY_ADDRESS") or "local"
+            where = self._address or os.environ.get("RAY_ADDRESS") or "local"
             ray.init(address=where, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
             signal.signal(signal.SIGTERM, handler)  # Ray puts its own in its place
-        self.slots = slots or self._room(cpus, gpus)
-        environment = {"env_vars": dict.fromkeys(THREADS, str(max(1, int(cpus))))}
+        self.slots = self._asked or self._room()
+        environment = {"env_vars": dict.fromkeys(THREADS, str(max(1, int(self._cpus))))}
         # A fresh process for each stage: what one leaves in torch does not reach the next.
         self._run = ray.remote(max_calls=1)(_run).options(
-            num_cpus=cpus, num_gpus=gpus, max_retries=0, runtime_env=environment
+            num_cpus=self._cpus, num_gpus=self._gpus, max_retries=0, runtime_env=environment
         )
 
-    def _room(self, cpus: float, gpus: float) -> int:
-        there = self._ray.cluster_resources()
+    def _room(self) -> int:
+        cpus, gpus, there = self._cpus, self._gpus, self._ray.cluster_resources()
         room = [int(there.get(name, 0) / need) for name, need in (("CPU", cpus), ("GPU", gpus)) if need]
         if min(room) < 1:
             raise ConfigError(

@@ -15,10 +15,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fl3d.errors import ConfigError, StoreError
+from fl3d.errors import ConfigError
 from fl3d.files import write_text
 from fl3d.records import StagePaths
-from fl3d.sweep.launchers.base import Job, JobState, Launcher
+from fl3d.sweep.launchers.base import Job, JobState, Launcher, LauncherBusy
 from fl3d.training.run import run_stage
 
 POLL_SECONDS = 2.0  # between looks at the queue, for all jobs together
@@ -47,7 +47,7 @@ class Queue:
 
     def __init__(self) -> None:
         self._states: dict[str, str] = {}
-        self._asked = float("-inf")
+        self._asked = self.answered = float("-inf")
 
     def state(self, job: str) -> str | None:
         """Of a job, such as ``RUNNING``; None where SLURM does not know it (any more)."""
@@ -64,6 +64,7 @@ class Queue:
             return
         finally:
             self._asked = time.monotonic()
+        self.answered = time.monotonic()
         pairs = [line.split() for line in done.stdout.splitlines()]
         self._states = {pair[0]: pair[1] for pair in pairs if len(pair) == 2}
 
@@ -71,7 +72,7 @@ class Queue:
 class _SlurmJob(Job):
     def __init__(self, number: str, folder: Path, queue: Queue) -> None:
         self.number, self.paths, self.queue = number, StagePaths(folder), queue
-        self._submitted = time.time()
+        self._taken = time.monotonic()
         self._left: float | None = None
 
     def state(self) -> JobState:
@@ -80,15 +81,13 @@ class _SlurmJob(Job):
         if self.queue.state(self.number) in WAITING:
             self._left = None
             return JobState.RUNNING
+        if self.queue.answered < self._taken:
+            return JobState.RUNNING  # the controller has said nothing since
         self._left = self._left or time.monotonic()
-        if self._raised():
+        if self.paths.error.exists():
             return JobState.RAISED
-        # It may have been submitted after the last look, or have been requeued, or its files are on their way.
+        # It is being requeued, or its last files are on their way.
         return JobState.KILLED if time.monotonic() - self._left > GRACE_SECONDS else JobState.RUNNING
-
-    def _raised(self) -> bool:
-        error = self.paths.error
-        return error.exists() and error.stat().st_mtime > self._submitted - 1
 
     def cancel(self) -> None:
         subprocess.run(["scancel", self.number], capture_output=True, check=False, timeout=30)
@@ -104,12 +103,13 @@ class SlurmLauncher(Launcher):
         cpus: of a job.
         memory_gb: of a job; None: the cluster's own choice.
         gpus: of a job; 0: none.
-        signal_seconds: before the time limit, when the job is told to save.
+        signal_seconds: before the time limit, when the job is requeued; it goes on from its last resume point
+            (``schedule.save_every_steps``) or checkpoint.
         extra: further ``#SBATCH`` options, such as ``{account: physics, qos: low}``.
         setup: shell lines before each job, such as ``module load cuda``.
 
     Raises:
-        ConfigError: submitit or SLURM's commands are not installed.
+        ConfigError: submitit is not installed.
     """
 
     has_queue = True
@@ -126,6 +126,7 @@ class SlurmLauncher(Launcher):
         extra: Mapping[str, Any] | None = None,
         setup: list[str] | None = None,
     ) -> None:
+        self._submitit = _submitit()
         self.slots = slots
         self._queue = Queue()
         options: dict[str, Any] = {"use_srun": False, "time": minutes, "cpus_per_task": cpus, "ntasks_per_node": 1}
@@ -147,6 +148,7 @@ class SlurmLauncher(Launcher):
             self._queue.refresh()
             if self._queue.state(number) in WAITING:
                 return _SlurmJob(number, folder, self._queue)
+        StagePaths(folder).error.unlink(missing_ok=True)  # of an earlier job
         number = self._submit_patiently(folder, after)
         write_text(ticket, json.dumps({"job": number}) + "\n")
         self._queue.refresh()
@@ -157,12 +159,12 @@ class SlurmLauncher(Launcher):
             time.sleep(wait)
             try:
                 return self._submit(folder, after)
-            except StoreError as error:
+            except LauncherBusy as error:
                 refused = error
         raise refused
 
     def _submit(self, folder: Path, after: Job | None) -> str:
-        submitit = _submitit()
+        submitit = self._submitit
         logs = folder / "slurm"
         try:
             executor = submitit.SlurmExecutor(logs, max_num_timeout=MAX_REQUEUES, python=f"exec {sys.executable}")
@@ -172,7 +174,7 @@ class SlurmLauncher(Launcher):
             executor.update_parameters(**options)
             return str(executor.submit(StageTask(), str(folder.absolute())).job_id)
         except (submitit.core.utils.FailedJobError, subprocess.SubprocessError, FileNotFoundError) as error:
-            raise StoreError(f"SLURM took no job for {folder.name}: {error}") from None
+            raise LauncherBusy(f"SLURM took no job for {folder.name}: {error}") from None
         except (RuntimeError, ValueError) as error:
             raise ConfigError(f"hydra/launcher=slurm: {error}") from None
 

@@ -43,11 +43,13 @@ class Standing:
         trial: which.
         state: whether it still goes on.
         curve: metrics of its last stage's checkpoints, by the epochs that this stage had behind it, rising.
+        epochs: of its last stage.
     """
 
     trial: Trial
     state: TrialState
     curve: Mapping[int, Mapping[str, float]]
+    epochs: int
 
 
 @dataclass(frozen=True)

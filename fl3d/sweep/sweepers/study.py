@@ -14,7 +14,7 @@ from optuna.trial import TrialState as OptunaState
 
 from fl3d.config import build
 from fl3d.errors import ConfigError, StoreError, options
-from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
+from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
 from fl3d.records import Config
 from fl3d.reports.selection import RULES
 from fl3d.results import names
@@ -23,7 +23,8 @@ from fl3d.sweep.sweepers.base import Advice, Compose, Point, Standing, Sweeper, 
 from fl3d.sweep.sweepers.space import Space, parse_space
 from fl3d.sweep.sweepers.study_report import report_study
 
-KEY, SOURCE = "fl3d.trial", "fl3d.value_of"  # attributes of a trial in the study
+# Attributes of a trial in the study: its key, the trial whose value it was told, and the root where it was trained.
+KEY, SOURCE, ROOT = "fl3d.trial", "fl3d.value_of", "fl3d.store"
 METRIC_NAMES = [
     f"ap_{metric}{average}/{level}" for metric in METRICS for average in ("", "_r40") for level in DIFFICULTIES
 ]
@@ -98,14 +99,26 @@ class Study(Sweeper):
     def open(self, identify: Callable[[Point], str]) -> None:
         """Open the study, and take up what a dead sweep left."""
         self._identify = identify
+        self._root = Store(Path(self.base["store"]["root"]), self.base["store"]["uri"]).id
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self.study = self._open()
-        for trial in self.study.get_trials(deepcopy=False, states=(OptunaState.RUNNING,)):
-            self.study.tell(trial.number, state=OptunaState.FAIL)
-            if trial.params:
+        trials = [t for t in self.study.get_trials(deepcopy=False) if t.user_attrs.get(ROOT) == self._root]
+        for trial in trials:
+            self._check_axes(trial)
+        for trial in trials:
+            if trial.state is OptunaState.RUNNING:
+                self.study.tell(trial.number, state=OptunaState.FAIL)
                 self.study.enqueue_trial(trial.params)
-        for trial in self.study.get_trials(deepcopy=False, states=(OptunaState.COMPLETE, OptunaState.PRUNED)):
-            self._take_up(trial)
+            elif trial.state in (OptunaState.COMPLETE, OptunaState.PRUNED):
+                self._take_up(trial)
+
+    def _check_axes(self, trial: FrozenTrial) -> None:
+        kinds = {key: type(axis) for key, axis in self.space.axes.items()}
+        if kinds != {key: type(axis) for key, axis in trial.distributions.items()}:
+            raise ConfigError(
+                f"hydra.sweeper.params: the study '{self.name}' was begun with another space "
+                f"({', '.join(trial.distributions)}); give another hydra.sweeper.study_name"
+            )
 
     def _take_up(self, trial: FrozenTrial) -> None:
         """Propose again what an earlier start has told: it is not trained, but belongs to the sweep."""
@@ -133,13 +146,16 @@ class Study(Sweeper):
             study = optuna.create_study(
                 storage=storage, study_name=self.name, directions=directions, pruner=pruner, load_if_exists=True
             )
-            asked = study.user_attrs.get("objectives", self.objectives)
-            if asked != self.objectives:
-                raise ConfigError(
-                    f"hydra.sweeper.objectives: the study '{self.name}' was begun with {asked}; "
-                    "give another hydra.sweeper.study_name"
-                )
-            study.set_user_attr("objectives", self.objectives)
+            protocol = Protocol(**self.base["protocol"]).id
+            values = {"objectives": self.objectives, "rule": self.rule, "protocol": protocol}
+            for key, value in values.items():
+                asked = study.user_attrs.get(key, value)
+                if asked != value:
+                    raise ConfigError(
+                        f"{key}: the study '{self.name}' was begun with {asked}, not {value}; their values cannot be "
+                        "compared; give another hydra.sweeper.study_name"
+                    )
+                study.set_user_attr(key, value)
             # The same seed again would propose the first trials again.
             seed = self.sampler.get("seed")
             varied = {} if seed is None else {"seed": seed + len(study.get_trials(deepcopy=False))}
@@ -167,8 +183,13 @@ class Study(Sweeper):
         """A point to train, or None where its trial is known."""
         trial = self.study.ask(dict(self.space.axes))
         point = self._point(self.study.get_trials(deepcopy=False)[trial.number])
-        key = self._identify(point)
+        try:
+            key = self._identify(point)
+        except ConfigError:
+            self.study.tell(trial.number, state=OptunaState.FAIL)
+            raise
         trial.set_user_attr(KEY, key)
+        trial.set_user_attr(ROOT, self._root)
         twin = self._known.get(key)
         if twin is not None and twin.state is not OptunaState.FAIL:
             trial.set_user_attr(SOURCE, twin.number)
@@ -199,7 +220,7 @@ class Study(Sweeper):
         for epoch in sorted(set(standing.curve) - self._heard[number]):
             self._heard[number].add(epoch)
             trial.report(standing.curve[epoch][self.objectives[0]], epoch)
-            if standing.state is TrialState.GOING and trial.should_prune():
+            if standing.state is TrialState.GOING and epoch < standing.epochs and trial.should_prune():
                 return True
         return False
 

@@ -1,0 +1,97 @@
+"""What a plan costs, and how it is shown: by hand arithmetic."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from fl3d.config import compose_config
+from fl3d.detectors.flops import layer_flops
+from fl3d.records import Stage
+from fl3d.sweep.cost import Costs, checkpoint_epochs, makespan
+from fl3d.sweep.plan import DataInfo, Plan
+from fl3d.sweep.planner import Planner
+from fl3d.sweep.retention import kept_epochs
+from fl3d.sweep.sweepers.base import Point
+from fl3d.sweep.tree import plan_tree
+from fl3d.training.build import build_detector
+
+
+def stage(key: str, parent: str | None) -> Stage:
+    return Stage(key, key, {"detector": {"_target_": "D"}, "loss": {}}, parent, 0, 0, 1, 1)
+
+
+def tree(*stages: Stage) -> Plan:
+    return Plan("test", (), {one.key: one for one in stages})
+
+
+def planned(*overrides: str) -> Plan:
+    config = compose_config(["profile=quick", *overrides])
+    return Planner(config, DataInfo("digest", 400)).plan([Point(tuple(overrides), config)])
+
+
+def test_the_makespan_of_two_slots_by_hand() -> None:
+    """a (4 s) then a1, a2 (2 s each), beside b (5 s) then b1 (1 s): a and b at 0, a1 at 4, a2 at 5, b1 at 6."""
+    plan = tree(stage("a", None), stage("a1", "a"), stage("a2", "a"), stage("b", None), stage("b1", "b"))
+    seconds = {"a": 4.0, "a1": 2.0, "a2": 2.0, "b": 5.0, "b1": 1.0}
+    assert makespan(plan, seconds, 2) == pytest.approx(7.0)
+    assert makespan(plan, seconds, 1) == pytest.approx(14.0)
+    assert makespan(plan, seconds, 9) == pytest.approx(6.0)
+    assert makespan(plan, {"a1": 2.0, "b1": 1.0}, 2) == pytest.approx(2.0)  # parents are done
+    assert makespan(plan, {}, 2) == 0
+
+
+def test_flops_and_bytes_by_hand(tmp_path: Path) -> None:
+    """Quick VoxelNet: 3 epochs of 400 frames, forward and backward, and three looks at 300 frames."""
+    plan = planned("detector=voxelnet")
+    warmup = next(iter(plan.stages.values()))
+    cost = Costs(tmp_path, 300).cost(warmup)
+    frame = sum(layer_flops(lambda: build_detector(warmup.config)).values())
+    assert cost.flops == frame * (3 * 400 * 3 + 3 * 300)
+    with torch.device("meta"):
+        weights = sum(p.numel() for p in build_detector(warmup.config).parameters())
+    assert cost.weights_bytes == pytest.approx(3 * 3 * 4 * weights, rel=0.02)  # Adam keeps two moments
+    assert not cost.is_measured
+    assert cost.seconds > 0
+
+
+def test_stages_have_a_checkpoint_each_so_many_epochs_and_at_the_end() -> None:
+    plan = planned("detector=voxelnet", "schedule.checkpoint_every=2")
+    assert [checkpoint_epochs(one) for one in plan.stages.values()] == [[2, 3], [2]]
+
+
+def test_what_is_kept_is_the_last_the_best_and_each_kth() -> None:
+    means = {1: 10.0, 2: 30.0, 3: 30.0, 4: 20.0, 5: 5.0, 6: 7.0, 7: 6.0}
+    assert kept_epochs(list(means), [means], [None]) == {2, 7}  # the earlier of two that tie
+    assert kept_epochs(list(means), [means], [3, None]) == {2, 3, 6, 7}
+    other = {epoch: -mean for epoch, mean in means.items()}
+    assert kept_epochs(list(means), [means, other], [None]) == {2, 5, 7}  # the best under each protocol
+    assert kept_epochs([1], [{1: 0.0}], [None]) == {1}
+
+
+def test_a_tree_tells_what_sets_stages_apart() -> None:
+    configs = [
+        compose_config(["profile=quick", "detector=voxelnet", f"seed={seed}", f"loss.gamma={gamma}"])
+        for seed in (0, 1)
+        for gamma in (0, 2)
+    ]
+    plan = Planner(configs[0], DataInfo("digest", 400)).plan([Point((), config) for config in configs])
+    lines = plan_tree(plan, lambda one: f"{one.epochs} epochs")
+    assert lines == [
+        "VoxelNet warmup seed=0 (shared): 3 epochs",
+        "├─ focal loss.gamma=0: 2 epochs",
+        "└─ focal loss.gamma=2: 2 epochs",
+        "VoxelNet warmup seed=1 (shared): 3 epochs",
+        "├─ focal loss.gamma=0: 2 epochs",
+        "└─ focal loss.gamma=2: 2 epochs",
+    ]
+
+
+def test_a_second_stages_alpha_is_searched_under_one_first_stage() -> None:
+    points = [
+        Point((f"alpha={a}",), compose_config(["profile=quick", f"+schedule.stages.focal.set.loss.alpha={a}"]))
+        for a in (0.5, 1, 2)
+    ]
+    plan = Planner(points[0].config, DataInfo("digest", 400)).plan(points)
+    assert len(plan.stages) == 1 + 3
+    assert [one.config["loss"]["alpha"] for one in plan.stages.values()] == [1.0, 0.5, 1, 2]
