@@ -45,7 +45,9 @@ def read_database(uri: str, experiment: str, tag: tuple[str, str], columns: Sequ
                 runs[column] = runs["run_uuid"].map(_values(connection, column, ids))
     finally:
         engine.dispose()
-    return scores.merge(runs, "left", "run_uuid") if not scores.empty else scores
+    if scores.empty:
+        return scores
+    return scores.sort_values(["run_uuid", "step"], ignore_index=True).merge(runs, "left", "run_uuid")
 
 
 _RUNS = (
