@@ -146,6 +146,17 @@ def test_equal_points_are_trained_once_and_told_alike(tmp_path: Path) -> None:
     assert {(t.params["loss.gamma"], t.values[0]) for t in study.study.get_trials()} == {(1, 53.0), (2, 52.0)}
 
 
+def test_enqueued_points_are_asked_first_and_once(tmp_path: Path) -> None:
+    for _ in range(2):
+        study = make(tmp_path, n_trials=3, enqueue=[{"loss.gamma": 0}])
+        World(study, slots=1).run()
+    gammas = [trial.params["loss.gamma"] for trial in study.study.get_trials()]
+    assert gammas[0] == 0
+    assert len(gammas) == len(set(gammas)) == 3
+    with pytest.raises(ConfigError, match="does not name exactly"):
+        make(tmp_path, enqueue=[{"gamma": 0}])
+
+
 def test_what_a_dead_sweep_left_running_is_failed_and_asked_again(tmp_path: Path) -> None:
     first = make(tmp_path, n_trials=4)
     world = World(first, slots=2)

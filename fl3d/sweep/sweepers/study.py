@@ -48,6 +48,7 @@ class Study(Sweeper):
         pruner: section of an Optuna pruner, or None; for one objective, on each checkpoint of a trial's last stage.
         storage: URL of a database for the study; None: a journal file below the store's root.
         study_name: None: the sweep's.
+        enqueue: points to ask first, such as the baseline: ``[{loss.gamma: 0}]``.
 
     Raises:
         ConfigError: settings that do not go together.
@@ -67,6 +68,7 @@ class Study(Sweeper):
         pruner: Config | None = None,
         storage: str | None = None,
         study_name: str | None = None,
+        enqueue: Sequence[Config] = (),
     ) -> None:
         self.base, self.space, self.compose, self.n_trials = base, space, compose, n_trials
         self.objectives, self.rule, self.pruner = list(objectives), rule, pruner
@@ -85,6 +87,10 @@ class Study(Sweeper):
             raise ConfigError(
                 "sweep.tables: the paper's tables are made of a grid; an Optuna sweep has tables of its own"
             )
+        for point in enqueue:
+            if set(point) != set(space.axes):
+                raise ConfigError(f"hydra.sweeper.enqueue: {dict(point)} does not name exactly {', '.join(space.axes)}")
+        self.enqueue = enqueue
         self._trials: dict[int, str] = {}  # of this start: the study's number, and our key
         self._heard: dict[int, set[int]] = {}
         self._known: dict[str, FrozenTrial] = {}  # told, by key
@@ -102,6 +108,9 @@ class Study(Sweeper):
         self._root = Store(Path(self.base["store"]["root"]), self.base["store"]["uri"]).id
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self.study = self._open()
+        if not self.study.get_trials(deepcopy=False):
+            for point in self.enqueue:
+                self.study.enqueue_trial(dict(point))
         trials = [t for t in self.study.get_trials(deepcopy=False) if t.user_attrs.get(ROOT) == self._root]
         for trial in trials:
             self._check_axes(trial)
