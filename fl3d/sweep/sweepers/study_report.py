@@ -12,6 +12,7 @@ from optuna.trial import FrozenTrial, TrialState
 from fl3d.files import write_text
 
 SHOWN = 10  # best trials
+SOURCE = "fl3d.value_of"  # attribute of a trial that was told another's value
 
 
 def report_study(study: optuna.Study, objectives: Sequence[str], axes: Sequence[str], sweep: str, folder: Path) -> str:
@@ -28,11 +29,16 @@ def report_study(study: optuna.Study, objectives: Sequence[str], axes: Sequence[
     rows = [_row(trial, objectives, axes) for trial in trials]
     if not rows:
         return ""
-    done = [trial for trial in trials if trial.state is TrialState.COMPLETE]
+    own = [trial for trial in trials if SOURCE not in trial.user_attrs]  # a point that came twice is shown once
+    done = [trial for trial in own if trial.state is TrialState.COMPLETE]
     counts = {state: sum(trial.state is state for trial in trials) for state in TrialState}
     said = ", ".join(f"{count} {state.name.lower()}" for state, count in counts.items() if count)
     is_front = len(objectives) > 1
-    chosen = study.best_trials if is_front else sorted(done, key=lambda t: -t.values[0])[:SHOWN]
+    if is_front:
+        front = {trial.number for trial in study.best_trials}
+        chosen = [trial for trial in own if trial.number in front]
+    else:
+        chosen = sorted(done, key=lambda t: -t.values[0])[:SHOWN]
     title = "Pareto front" if is_front else "best trials"
     lines = [f"**Study {study.study_name}**, {title} by {', '.join(objectives)}; trials: {said}.", ""]
     head = ["trial", *(axis.lstrip("+") for axis in axes), *objectives]
