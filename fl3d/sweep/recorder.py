@@ -218,8 +218,15 @@ def _weights(paths: StagePaths, step: int, copy: Path) -> list[Path]:
 
 
 def _run_name(trial: Trial, detector: str, gamma: float, seed: int) -> str:
-    """What a person calls a trial: detector, gamma and seed, and what else was swept."""
-    told = ("detector", "loss.gamma", "seed")
-    others = [o.lstrip("+").removeprefix("schedule.stages.") for o in trial.overrides]
-    rest = [override for override in others if override.partition("=")[0] not in told]
-    return " ".join([detector, f"γ={gamma:g}", f"seed={seed}", *rest])
+    """What a person calls a trial: detector and gamma, what else was swept, and the seed."""
+    swept = [override.partition("=") for override in trial.overrides]
+    others = [(key, value) for key, _, value in swept if key not in ("detector", "loss.gamma", "seed")]
+    rest = [f"{key.rpartition('.')[2]}={_short(value)}" for key, value in others]
+    return " ".join([detector, f"γ={gamma:g}", *rest, f"seed={seed}"])
+
+
+def _short(value: str) -> str:
+    try:
+        return f"{float(value):.4g}"
+    except ValueError:
+        return value
