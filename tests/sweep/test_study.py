@@ -144,6 +144,7 @@ def test_equal_points_are_trained_once_and_told_alike(tmp_path: Path) -> None:
     assert states(study) == ["COMPLETE"] * 10
     assert len(world.trained) == 2 * world.epochs
     assert {(t.params["loss.gamma"], t.values[0]) for t in study.study.get_trials()} == {(1, 53.0), (2, 52.0)}
+    assert study.report(world.standings, tmp_path).count("\n| ") == 1 + 2
 
 
 def test_enqueued_points_are_asked_first_and_once(tmp_path: Path) -> None:

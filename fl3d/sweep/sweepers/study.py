@@ -21,10 +21,10 @@ from fl3d.results import names
 from fl3d.store.tracking import Store, database_url
 from fl3d.sweep.sweepers.base import Advice, Compose, Point, Standing, Sweeper, TrialState
 from fl3d.sweep.sweepers.space import Space, parse_space
-from fl3d.sweep.sweepers.study_report import SOURCE, report_study
+from fl3d.sweep.sweepers.study_report import KEY, report_study
 
-# Attributes of a trial in the study, beside ``SOURCE``: its key, and the root where it was trained.
-KEY, ROOT = "fl3d.trial", "fl3d.store"
+# Attributes of a trial in the study, beside ``KEY``: the root where it was trained, and whose value it was told.
+ROOT, SOURCE = "fl3d.store", "fl3d.value_of"
 METRIC_NAMES = [
     f"ap_{metric}{average}/{level}" for metric in METRICS for average in ("", "_r40") for level in DIFFICULTIES
 ]

@@ -12,7 +12,7 @@ from optuna.trial import FrozenTrial, TrialState
 from fl3d.files import write_text
 
 SHOWN = 10  # best trials
-SOURCE = "fl3d.value_of"  # attribute of a trial that was told another's value
+KEY = "fl3d.trial"  # attribute of a trial in the study: its key
 
 
 def report_study(study: optuna.Study, objectives: Sequence[str], axes: Sequence[str], sweep: str, folder: Path) -> str:
@@ -29,7 +29,8 @@ def report_study(study: optuna.Study, objectives: Sequence[str], axes: Sequence[
     rows = [_row(trial, objectives, axes) for trial in trials]
     if not rows:
         return ""
-    own = [trial for trial in trials if SOURCE not in trial.user_attrs]  # a point that came twice is shown once
+    first = {trial.user_attrs.get(KEY, trial.number): trial.number for trial in reversed(trials)}
+    own = [trial for trial in trials if trial.number in first.values()]  # a point that came twice is shown once
     done = [trial for trial in own if trial.state is TrialState.COMPLETE]
     counts = {state: sum(trial.state is state for trial in trials) for state in TrialState}
     said = ", ".join(f"{count} {state.name.lower()}" for state, count in counts.items() if count)
