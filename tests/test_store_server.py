@@ -14,7 +14,8 @@ import pytest
 import sqlalchemy as sa
 
 from fl3d.errors import StoreDown
-from fl3d.store.tracking import Scored, Store, database_url
+from fl3d.store.connection import database_url
+from fl3d.store.tracking import Scored, Store
 from fl3d.sweep.launchers.inline import InlineLauncher
 from tests.support import small_sweep
 

@@ -1,1 +1,1 @@
-"""Scores in MLflow: ``tracking`` writes and is the only module that knows MLflow; ``reading`` brings them back."""
+"""Scores in MLflow, which nothing outside knows: ``connection`` reaches it, ``tracking`` writes, ``reading`` reads."""

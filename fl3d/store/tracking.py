@@ -1,4 +1,4 @@
-"""The only module that knows MLflow: one experiment a sweep, one flat run a trial, every score once.
+"""Scores in MLflow: one experiment a sweep, one flat run a trial, every score once.
 
 MLflow appends metrics and never overwrites them. A score carries the time its checkpoint was made, so a score that
 is logged again is the same row, and the store keeps it once. A store that cannot be reached raises ``StoreDown``;
@@ -12,26 +12,22 @@ import json
 import logging
 import os
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# A server that is down shall be found out in seconds; who waits for it decides when to try again.
-os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
-os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "10")
-os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
-os.environ.setdefault("DO_NOT_TRACK", "true")
+from fl3d.store.connection import GuardedClient, database_url, outages  # before MLflow: it sets its environment
 
+# isort: split
 import mlflow
 import pandas as pd
-import requests
 import sqlalchemy as sa
 from mlflow import MlflowClient
 from mlflow.entities import Dataset, DatasetInput, InputTag, LoggedModel, Metric, Param, RunTag
 from mlflow.exceptions import MlflowException
 
-from fl3d.errors import StoreDown, StoreError
+from fl3d.errors import StoreError
 from fl3d.files import write_text
 from fl3d.leases import leased
 from fl3d.store.reading import read_database, read_server
@@ -39,12 +35,7 @@ from fl3d.store.reading import read_database, read_server
 PARAMS_BATCH = 100  # MLflow takes no more parameters in one request
 TRIAL_TAG, PROTOCOL_TAG, STORE_TAG = "fl3d.trial", "fl3d.protocol", "fl3d.store"
 POSSIBLE = "sqlite:///FILE, postgresql://USER@HOST/NAME, http://HOST:PORT (an MLflow server)"
-PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
 SCHEMA_LOCK = 0x666C3364  # of PostgreSQL, while MLflow makes its tables
-
-
-CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
-PASSING = ("TEMPORARILY_UNAVAILABLE", "DEADLINE_EXCEEDED", "RESOURCE_EXHAUSTED")  # MLflow's codes of what will pass
 
 
 @dataclass(frozen=True)
@@ -115,8 +106,8 @@ class Store:
         """
         logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)  # tracebacks of what is raised anyway
         mlflow.set_tracking_uri(self.uri)
-        self.client: Any = _Guarded(MlflowClient)
-        with _outages(), self._alone():
+        self.client: Any = GuardedClient(MlflowClient)
+        with outages(), self._alone():
             self.client.connect(self.uri)
 
     @contextlib.contextmanager
@@ -282,56 +273,9 @@ class Store:
             StoreDown: the store cannot be reached.
         """
         tag = (STORE_TAG, self.id)
-        with _outages():
+        with outages():
             if not self.is_server:
                 return read_database(self.uri, experiment_name, tag, columns)
             self.open()
             found = self.client.get_experiment_by_name(experiment_name)
             return read_server(self.client, found.experiment_id, tag, columns) if found else pd.DataFrame()
-
-
-def database_url(uri: str) -> str:
-    """A URL with the driver that fl3d installs, and with limits on how long a host that has vanished is waited for."""
-    if uri.startswith("postgresql://"):  # SQLAlchemy's own choice is another driver
-        uri = uri.replace("postgresql://", "postgresql+psycopg2://", 1)
-    return uri + PATIENCE if uri.startswith("postgresql+psycopg2://") and "?" not in uri else uri
-
-
-class _Guarded:
-    """An ``MlflowClient`` whose every call tells an outage from an error."""
-
-    def __init__(self, make: Callable[[str], MlflowClient]) -> None:
-        self._make = make
-        self._client: Any = None
-
-    def connect(self, uri: str) -> None:
-        """Make the client, and with it the store's tables."""
-        self._client = self._make(uri)
-        self._client.search_experiments(max_results=1)
-
-    def __getattr__(self, name: str) -> Any:
-        method = getattr(self._client, name)
-
-        def call(*arguments: Any, **named: Any) -> Any:
-            with _outages():
-                return method(*arguments, **named)
-
-        return call
-
-
-@contextlib.contextmanager
-def _outages() -> Iterator[None]:
-    """Raise ``StoreDown`` for what will pass; everything else as it is.
-
-    Raises:
-        StoreDown: the store cannot be reached now.
-    """
-    try:
-        yield
-    except (*CONNECTION_ERRORS, requests.RequestException) as error:
-        raise StoreDown(str(error).splitlines()[0]) from error
-    except MlflowException as error:
-        unreachable = str(error).startswith("API request to ") and error.error_code == "INTERNAL_ERROR"
-        if error.error_code in PASSING or unreachable or isinstance(error.__cause__, CONNECTION_ERRORS):
-            raise StoreDown(str(error).splitlines()[0]) from error
-        raise

@@ -13,7 +13,8 @@ from fl3d.errors import ConfigError, StoreError
 from fl3d.records import Trial
 from fl3d.sweep.sweepers.base import Point, Standing, TrialState
 from fl3d.sweep.sweepers.space import parse_space
-from fl3d.sweep.sweepers.study import Study, open_storage
+from fl3d.sweep.sweepers.study import Study
+from fl3d.sweep.sweepers.study_storage import open_storage
 
 AP, EASY = "ap_3d_r40/moderate", "ap_3d_r40/easy"
 ASHA = {"_target_": "optuna.pruners.SuccessiveHalvingPruner", "min_resource": 1, "reduction_factor": 2}

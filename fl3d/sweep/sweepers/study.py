@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import optuna
-from optuna.storages import BaseStorage, RDBStorage
-from optuna.storages.journal import JournalFileBackend, JournalStorage
 from optuna.trial import FrozenTrial
 from optuna.trial import TrialState as OptunaState
 
 from fl3d.config import build
-from fl3d.errors import ConfigError, StoreError, options
+from fl3d.errors import ConfigError, options
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
 from fl3d.records import Config
 from fl3d.reports.selection import RULES
 from fl3d.results import names
-from fl3d.store.tracking import Store, database_url
+from fl3d.store.tracking import Store
 from fl3d.sweep.sweepers.base import Advice, Compose, Point, Standing, Sweeper, TrialState
 from fl3d.sweep.sweepers.space import Space, parse_space
 from fl3d.sweep.sweepers.study_report import KEY, report_study
+from fl3d.sweep.sweepers.study_storage import experimental, open_storage
 
 # Attributes of a trial in the study, beside ``KEY``: the root where it was trained, and whose value it was told.
 ROOT, SOURCE = "fl3d.store", "fl3d.value_of"
@@ -150,7 +148,7 @@ class Study(Sweeper):
     def _open(self) -> optuna.Study:
         storage = open_storage(self.storage, Path(self.base["store"]["root"]), self.base["store"]["uri"], self.name)
         directions = [optuna.study.StudyDirection.MAXIMIZE] * len(self.objectives)
-        with _experimental():
+        with experimental():
             pruner = build(self.pruner, "hydra.sweeper.pruner") if self.pruner else optuna.pruners.NopPruner()
             study = optuna.create_study(
                 storage=storage, study_name=self.name, directions=directions, pruner=pruner, load_if_exists=True
@@ -263,29 +261,3 @@ def study(params: Mapping[str, object], arguments: Sequence[str], compose: Compo
     """
     space = parse_space(params, arguments)
     return Study(compose(space.fixed), space, compose, **settings)
-
-
-def open_storage(url: str | None, root: Path, store_uri: str | None, name: str) -> BaseStorage:
-    """Where a study is kept: a journal file below the store's root, or a database of its own.
-
-    Raises:
-        StoreError: it is MLflow's database: both tools keep a table ``alembic_version``.
-    """
-    if url is None:
-        path = root.absolute() / "studies" / f"{name}.log"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with _experimental():
-            return JournalStorage(JournalFileBackend(str(path)))
-    if database_url(url) == Store(root, store_uri).uri:
-        raise StoreError(f"hydra.sweeper.storage: {url} is MLflow's database; Optuna needs one of its own")
-    return RDBStorage(database_url(url))
-
-
-@contextlib.contextmanager
-def _experimental() -> Iterator[None]:
-    """Without Optuna's warnings that a class may change: its version is pinned."""
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        yield
