@@ -59,17 +59,17 @@ test-slow: check  ## the slow campaigns too
 	$(BIN)/pytest -q
 
 test-slurm: .venv/installed  ## the launchers' contract on a real one-node SLURM, which is installed (as root) and started
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) '.[slurm]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) --editable '.[dev,slurm]'
 	folder=$$(mktemp -d) && tests/services/slurm.sh start $$folder && \
 	{ SLURM_CONF=$$folder/slurm.conf $(BIN)/pytest -q tests/sweep/test_launchers.py -k slurm; code=$$?; \
 	  tests/services/slurm.sh stop $$folder; rm -rf $$folder; exit $$code; }
 
 test-ray: .venv/installed  ## the launchers' contract on a Ray cluster of three nodes, one of which is killed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) '.[ray]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) --editable '.[dev,ray]'
 	$(BIN)/pytest -q tests/sweep/test_launchers.py -k ray
 
 test-postgres: .venv/installed  ## the store on a real PostgreSQL and an MLflow server: eight writers, and outages
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) '.[postgres]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) --editable '.[dev,postgres]'
 	folder=$$(mktemp -d) && FL3D_TEST_POSTGRES=$$folder $(BIN)/pytest -q tests/test_store_server.py
 
 clean:  ## remove .venv and caches; runs/ and data/ stay
