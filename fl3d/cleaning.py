@@ -50,8 +50,10 @@ def clean(root: Path, keep_every: int | None, delete: bool, orphans: bool, say: 
         say: prints a line for the user.
 
     Raises:
-        StoreError: a sweep is running on the store.
+        StoreError: there is no store, or a sweep is running on it.
     """
+    if not (root / "stages").is_dir():
+        raise StoreError(f"{root}: there is no store; give --root FOLDER, the store.root of your sweeps")
     for lease in (root / "plans").glob("*.lease"):
         if delete and (holder := holder_of(lease)) is not None:
             raise StoreError(f"{lease.stem} is being run by {holder}; nothing is removed meanwhile")

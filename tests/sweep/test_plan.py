@@ -131,6 +131,11 @@ def test_every_schedule_plans_under_every_profile(schedule: str, profile: str) -
     assert plan.epochs > 0
 
 
+def test_an_interval_is_no_grid() -> None:
+    with pytest.raises(ConfigError, match="to search an interval add hydra/sweeper=optuna"):
+        expand({}, ["loss.gamma=interval(0,5)"])
+
+
 def test_the_longest_path_counts_what_is_left() -> None:
     plan = plan_of(config("loss.gamma=0"), config("loss.gamma=1"))
     warmup, first, second = plan.stages

@@ -6,7 +6,10 @@ import itertools
 from collections.abc import Mapping, Sequence
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException
 
+from fl3d.errors import ConfigError
 from fl3d.sweep.sweepers.base import Compose, Point, Sweeper
 
 
@@ -48,6 +51,9 @@ def expand(params: Mapping[str, object], arguments: Sequence[str]) -> tuple[list
 
     Returns:
         overrides that every trial has, and those of each point of the grid; the first axis varies slowest.
+
+    Raises:
+        ConfigError: an interval, whose values cannot be listed.
     """
     parser = OverridesParser.create()
     given = parser.parse_overrides(list(arguments))
@@ -57,11 +63,20 @@ def expand(params: Mapping[str, object], arguments: Sequence[str]) -> tuple[list
     axes: list[list[str]] = []
     for override in [*filed, *given]:
         if override.is_sweep_override():
-            key = override.get_key_element()
-            axes.append([f"{key}={value}" for value in override.sweep_string_iterator()])
+            axes.append([f"{override.get_key_element()}={value}" for value in _strings(override)])
         elif override.input_line is not None:
             fixed.append(override.input_line)
     return fixed, [list(point) for point in itertools.product(*axes)]
+
+
+def _strings(override: Override) -> list[str]:
+    try:
+        return list(override.sweep_string_iterator())
+    except HydraException:
+        raise ConfigError(
+            f"'{override.input_line}': a grid needs values that can be listed, such as 0,1,2 or range(0,3); "
+            "to search an interval add hydra/sweeper=optuna"
+        ) from None
 
 
 def values_of(override: str) -> list[object]:
