@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except Fl3dError as error:
         sys.exit(f"fl3d: {error}")
     except KeyboardInterrupt:
-        sys.exit("\nfl3d: interrupted; run the same command to go on from the last checkpoints")
+        sys.exit("\nfl3d: interrupted; run the same command to go on")
 
 
 def train(arguments: list[str]) -> None:
@@ -230,16 +230,29 @@ def evaluate(arguments: list[str]) -> None:
 
 
 def simulate(arguments: list[str]) -> None:
-    """Write a simulated KITTI folder below OUT."""
-    from fl3d.data.simulator.generate import Settings, generate
+    """Write a simulated KITTI folder: velodyne, label_2, calib, image_2, ImageSets and 2D detections.
+
+    Same numbers and seed, same bytes, whatever the number of workers. Interrupted, the same command goes on.
+
+    Example: python -m fl3d simulate data/street --frames 1500 --seed 7
+    """
+    from fl3d.data.simulator.generate import Settings, write_folder
 
     parser = _parser("simulate", simulate.__doc__)
-    parser.add_argument("out", type=Path, metavar="OUT")
-    parser.add_argument("--train", type=int, default=400, help="training frames (default: 400)")
-    parser.add_argument("--val", type=int, default=300, help="validation frames (default: 300)")
-    parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
+    parser.add_argument("out", type=Path, metavar="OUT", help="the folder; training/ and ImageSets/ come into it")
+    parser.add_argument("--frames", type=_at_least_one, default=700, metavar="N", help="all of them (default: 700)")
+    parser.add_argument("--val", type=_count, metavar="N", help="of them in the validation split (default: 3 of 7)")
+    parser.add_argument("--seed", type=_count, default=0, help="of all randomness (default: 0)")
+    parser.add_argument("--no-pictures", action="store_true", help="leave image_2 out: seven times faster")
+    parser.add_argument("--whole-turn", action="store_true", help="clouds all around, not what the camera sees alone")
+    parser.add_argument("--workers", type=_at_least_one, metavar="N", help="processes (default: one a core)")
     options = parser.parse_args(arguments)
-    print(generate(options.out, Settings(options.train, options.val, options.seed)))
+    val = options.frames * 3 // 7 if options.val is None else options.val
+    if val > options.frames:
+        parser.error(f"--val {val} is more than --frames {options.frames}")
+    settings = Settings(options.frames - val, val, options.seed, not options.no_pictures, options.whole_turn)
+    write_folder(options.out, settings, options.workers)
+    print(options.out)
 
 
 def ui(arguments: list[str]) -> None:
@@ -291,3 +304,15 @@ COMMANDS: dict[str, Callable[[list[str]], None]] = {
 
 def _parser(name: str, description: str | None) -> argparse.ArgumentParser:
     return argparse.ArgumentParser(prog=f"python -m fl3d {name}", description=description)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 0")
+    return int(text)
+
+
+def _at_least_one(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 1")
+    return int(text)

@@ -8,19 +8,21 @@ from collections.abc import Callable
 from pathlib import Path
 
 
-def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
+def write_atomically(path: Path, write: Callable[[Path], object], flush: bool = True) -> None:
     """Let ``write`` fill a temporary file beside ``path``, flush it to disk and rename it.
 
     Args:
         path: where the file shall appear; missing folders are made.
         write: receives the temporary path.
+        flush: to the disk before the renaming; without it a machine that loses its power may keep an empty file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.tmp")
     try:
         write(temporary)
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
+        if flush:
+            with temporary.open("rb") as file:
+                os.fsync(file.fileno())
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

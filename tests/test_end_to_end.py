@@ -6,6 +6,7 @@ GOLDEN_TOLERANCE. When a change moves them, write here what and why, and regener
 
 History of the golden tables:
   1. first version.
+  2. simulator 2: other frames.
 """
 
 import os

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -116,11 +117,20 @@ def read_calibration(path: Path) -> Calibration:
     return Calibration(**found)
 
 
-def write_calibration(path: Path, calibration: Calibration) -> None:
-    """Write a KITTI calibration file; the cameras that fl3d does not use repeat the left colour camera."""
+def write_calibration(
+    path: Path, calibration: Calibration, others: Mapping[str, NDArray[np.float64]] | None = None
+) -> None:
+    """Write a KITTI calibration file.
+
+    Args:
+        path: to write.
+        calibration: what fl3d uses.
+        others: P0, P1, P3 and Tr_imu_to_velo; a camera that is not given repeats the left colour camera.
+    """
     rows = {f"P{i}": calibration.P2 for i in range(4)}
     rows |= {"R0_rect": calibration.R0_rect, "Tr_velo_to_cam": calibration.Tr_velo_to_cam}
     rows["Tr_imu_to_velo"] = np.eye(3, 4)
+    rows |= others or {}
     lines = [f"{name}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n" for name, matrix in rows.items()]
     path.write_text("".join(lines))
 

@@ -1,33 +1,41 @@
-"""Write a simulated KITTI folder. The same settings and seed give the same bytes."""
+"""Write a simulated KITTI folder. The same settings give the same bytes, whatever the number of workers."""
 
 from __future__ import annotations
 
+import io
 import json
-import shutil
+import multiprocessing as mp
+import os
 import sys
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from tqdm import tqdm
 
-from fl3d.data.calibration import Calibration, write_calibration
-from fl3d.data.kitti import IMAGE_SIZE
-from fl3d.data.labels import write_labels
+from fl3d.data.calibration import write_calibration
+from fl3d.data.labels import read_labels, write_labels
 from fl3d.data.simulator import VERSION
 from fl3d.data.simulator.annotate import annotate
+from fl3d.data.simulator.camera import CALIBRATION, IMAGE_SIZE, OTHERS, take_picture
+from fl3d.data.simulator.hdl64 import CAMERA_VIEW
+from fl3d.data.simulator.image_detector import NUMBERS, detect_in_image
+from fl3d.data.simulator.lidar import scan
 from fl3d.data.simulator.scene import random_scene
-from fl3d.data.simulator.sensor import CLUTTER, scan
-from fl3d.data.simulator.shapes import Shape
-from fl3d.files import write_text
+from fl3d.errors import DataError
+from fl3d.files import write_atomically, write_text
 from fl3d.leases import leased
 
-# A pinhole camera like KITTI's left colour camera, 27 cm in front of the LiDAR and 8 cm above its origin.
-CALIBRATION = Calibration(
-    P2=np.array([[721.5377, 0, 609.5593, 44.85728], [0, 721.5377, 172.854, 0.2163791], [0, 0, 1, 0.002745884]]),
-    R0_rect=np.eye(3),
-    Tr_velo_to_cam=np.array([[0, -1.0, 0, 0.0], [0, 0, -1.0, -0.08], [1.0, 0, 0, -0.27]]),
-)
+CHUNK = 8  # frames that a worker takes at a time
+FEW = 32  # frames for which starting workers does not pay
+PICTURE_SEED, DETECTIONS_SEED = 1, 2  # so that a frame's cloud is the same with or without its picture
 
 
 @dataclass(frozen=True)
@@ -38,16 +46,21 @@ class Settings:
         train: number of training frames.
         val: number of validation frames.
         seed: of all randomness.
+        pictures: whether ``image_2`` is rendered.
+        whole_turn: whether clouds go all around; else the part that the camera sees, and a little more.
     """
 
     train: int
     val: int
     seed: int = 0
+    pictures: bool = False
+    whole_turn: bool = False
 
     @property
     def name(self) -> str:
         """Folder name; another version of the simulator gets another one."""
-        return f"v{VERSION}-{self.train}-{self.val}-seed{self.seed}"
+        extras = ("-pictures" if self.pictures else "") + ("-whole" if self.whole_turn else "")
+        return f"v{VERSION}-{self.train}-{self.val}-seed{self.seed}{extras}"
 
 
 def is_whole(root: Path, settings: Settings) -> bool:
@@ -56,54 +69,153 @@ def is_whole(root: Path, settings: Settings) -> bool:
 
 
 def generate(root: Path, settings: Settings) -> Path:
-    """Write the folder unless it is whole already.
+    """Write the folder below a root that holds several, unless it is whole already.
 
     Args:
         root: where simulated folders lie.
         settings: what to write.
 
     Returns:
-        the KITTI folder ``root/<settings.name>``; its ``manifest.json`` is written last.
+        the KITTI folder ``root/<settings.name>``.
     """
     folder = root / settings.name
-    manifest = folder / "manifest.json"
-    if manifest.exists():
-        return folder
-    with leased(root / f".{settings.name}.lease"):
-        if not manifest.exists():
-            _generate(folder, settings)
+    if not is_whole(root, settings):
+        with leased(root / f".{settings.name}.lease"):
+            write_folder(folder, settings)
     return folder
 
 
-def _generate(folder: Path, settings: Settings) -> None:
-    shutil.rmtree(folder, ignore_errors=True)  # a generation that was interrupted
-    for part in ("velodyne", "label_2", "calib"):
-        (folder / "training" / part).mkdir(parents=True, exist_ok=True)
+def write_folder(folder: Path, settings: Settings, workers: int | None = None) -> None:
+    """Write a KITTI folder; what is there already, from a run that was interrupted, is kept.
+
+    Args:
+        folder: to be written; its ``manifest.json`` comes last.
+        settings: what to write.
+        workers: processes; None: one a core. They do not change a byte.
+
+    Raises:
+        DataError: the folder holds something else.
+    """
+    if (folder / "manifest.json").exists() and _told(folder / "manifest.json", folder) == _tell(settings):
+        return
+    _claim(folder, settings)
     total = settings.train + settings.val
-    print(f"simulating {total} frames into {folder}", file=sys.stderr, flush=True)
-    for index in tqdm(range(total), unit="frame", disable=None):
-        _write_frame(folder, index, settings.seed)
-    ids = [f"{i:06d}" for i in range(total)]
-    write_text(folder / "ImageSets" / "train.txt", "\n".join(ids[: settings.train]) + "\n")
-    write_text(folder / "ImageSets" / "val.txt", "\n".join(ids[settings.train :]) + "\n")
-    manifest = {"simulator": VERSION, **asdict(settings)}
-    write_text(folder / "manifest.json", json.dumps(manifest, indent=1) + "\n")
+    missing = [index for index in range(total) if not _label(folder, index).exists()]
+    if missing:
+        done = f", {total - len(missing)} of them are there" if len(missing) < total else ""
+        print(f"simulating {total} frames into {folder}{done}", file=sys.stderr, flush=True)
+    with tqdm(total=total, initial=total - len(missing), unit="frame", disable=None) as bar:
+        for _ in _written(partial(_write_frame, folder, settings), missing, workers):
+            bar.update()
+    ids = [f"{index:06d}" for index in range(total)]
+    splits = {"train": ids[: settings.train], "val": ids[settings.train :], "trainval": ids}
+    for name, own in splits.items():
+        write_text(folder / "ImageSets" / f"{name}.txt", "".join(f"{frame_id}\n" for frame_id in own))
+    for name in ("train", "val"):
+        lines = [line for frame_id in splits[name] for line in _detections(folder, settings, int(frame_id))]
+        write_text(folder / "rgb_detections" / f"rgb_detection_{name}.txt", "".join(lines))
+    os.sync()  # once, and not for each of thousands of files
+    write_text(folder / "manifest.json", json.dumps(_tell(settings), indent=1) + "\n")
 
 
-def _write_frame(folder: Path, index: int, seed: int) -> None:
-    rng = np.random.default_rng([seed, index])
-    scene = random_scene(rng)
-    shapes: list[Shape] = []
-    owners: list[int] = []
-    for number, thing in enumerate(scene.things):
-        shapes += thing.shapes
-        owners += [number] * len(thing.shapes)
-    for thing in scene.clutter:
-        shapes += thing.shapes
-        owners += [CLUTTER] * len(thing.shapes)
-    returns = scan(shapes, owners, len(scene.things), scene.ground, rng)
-    labels = annotate(scene.things, returns, CALIBRATION, IMAGE_SIZE)
-    name = f"{index:06d}"
-    returns.points_velo.tofile(folder / "training" / "velodyne" / f"{name}.bin")
-    write_labels(folder / "training" / "label_2" / f"{name}.txt", labels)
-    write_calibration(folder / "training" / "calib" / f"{name}.txt", CALIBRATION)
+def _tell(settings: Settings) -> dict[str, int | bool]:
+    return {"simulator": VERSION, **asdict(settings)}
+
+
+def _told(path: Path, folder: Path) -> dict[str, int | bool]:
+    try:
+        told: dict[str, int | bool] = json.loads(path.read_text())
+    except ValueError:
+        raise DataError("is no record of the simulator; give another folder", path) from None
+    return told
+
+
+def _claim(folder: Path, settings: Settings) -> None:
+    """Note what the folder is being filled with, or refuse to mix it with something else."""
+    note = folder / "settings.json"
+    if note.exists():
+        if (before := _told(note, folder)) != _tell(settings):
+            raise DataError(f"holds frames of other settings ({before}); give another folder, or remove it", folder)
+    elif (folder / "training").exists() or (folder / "manifest.json").exists():
+        raise DataError("holds something that is not the simulator's; give another folder", folder)
+    try:
+        for part in ("velodyne", "label_2", "calib", *(("image_2",) if settings.pictures else ())):
+            (folder / "training" / part).mkdir(parents=True, exist_ok=True)
+            for torn in (folder / "training" / part).glob(".*.tmp"):
+                torn.unlink()  # of a process that was killed
+        write_text(note, json.dumps(_tell(settings), indent=1) + "\n")
+    except OSError as error:
+        raise DataError(f"cannot be written ({error.strerror})", folder) from None
+
+
+def _written(write: partial[None], indices: list[int], workers: int | None) -> Iterator[None]:
+    """Write frames here or in processes, as they come."""
+    workers = workers or len(os.sched_getaffinity(0))
+    if workers == 1 or len(indices) < FEW:
+        yield from map(write, indices)
+        return
+    write(indices[0])  # compiles what is not yet in numba's cache, once
+    yield None
+    with _pool(workers) as pool:
+        yield from pool.map(write, indices[1:], chunksize=CHUNK)
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    context = mp.get_context("forkserver")
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with, initargs=(os.getpid(),))
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _end_with(parent: int) -> None:
+    """End this process when the one that wants the frames has been killed; its own parent is the fork server."""
+
+    def watch() -> None:
+        while True:
+            time.sleep(1)
+            try:
+                os.kill(parent, 0)
+            except OSError:
+                os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _label(folder: Path, index: int) -> Path:
+    return folder / "training" / "label_2" / f"{index:06d}.txt"
+
+
+def _write_frame(folder: Path, settings: Settings, index: int) -> None:
+    """Write one frame; its label file comes last."""
+    rng = np.random.default_rng([settings.seed, index])
+    half_view = 180.0 if settings.whole_turn else CAMERA_VIEW
+    site = random_scene(rng, half_view)
+    solids = site.solids()
+    returns = scan(solids, len(site.things), site.ground, rng, half_view)
+    labels = annotate(site.things, returns, CALIBRATION, IMAGE_SIZE, rng)
+    training, name = folder / "training", f"{index:06d}"
+    _write_bytes(training / "velodyne" / f"{name}.bin", returns.points_velo.tobytes())
+    calib = training / "calib" / f"{name}.txt"
+    write_atomically(calib, partial(write_calibration, calibration=CALIBRATION, others=OTHERS), flush=False)
+    if settings.pictures:
+        picture = take_picture(solids, site.ground, np.random.default_rng([settings.seed, index, PICTURE_SEED]))
+        encoded = io.BytesIO()
+        Image.fromarray(picture).save(encoded, "PNG", compress_level=1)
+        _write_bytes(training / "image_2" / f"{name}.png", encoded.getvalue())
+    write_atomically(_label(folder, index), partial(write_labels, labels=labels), flush=False)
+
+
+def _write_bytes(path: Path, content: bytes) -> None:
+    write_atomically(path, lambda temporary: temporary.write_bytes(content), flush=False)
+
+
+def _detections(folder: Path, settings: Settings, index: int) -> Iterable[str]:
+    """Lines of the 2D detections' file: path, class, score, box."""
+    rng = np.random.default_rng([settings.seed, index, DETECTIONS_SEED])
+    found = detect_in_image(read_labels(_label(folder, index)), IMAGE_SIZE, rng)
+    path = f"training/image_2/{index:06d}.png"
+    for kind, score, box in zip(found.kinds, found.scores, found.boxes, strict=True):
+        yield f"{path} {NUMBERS[kind]} {score:.6g} {' '.join(f'{edge:.0f}' for edge in box)}\n"

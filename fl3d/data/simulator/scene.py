@@ -1,150 +1,179 @@
-"""Random streets: lanes, parked rows, crossings, people, and the clutter that looks like cars."""
+"""Random scenes: a street of some kind, its traffic, its parked rows, its people and what lies beside it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import replace
 
 import numpy as np
 
-from fl3d.data.simulator.objects import LABELLED, Thing, background, labelled
-from fl3d.data.simulator.sensor import Ground
-from fl3d.geometry.iou import bev_iou
+from fl3d.data.simulator import roadside
+from fl3d.data.simulator.hdl64 import CAMERA_VIEW
+from fl3d.data.simulator.site import FAR, PIECE, Site
+from fl3d.data.simulator.streets import STREETS, Street
+from fl3d.data.simulator.terrain import Ground, Road
+from fl3d.data.simulator.verge import Verge, pick
 
-SENSOR_HEIGHT = 1.73  # metres over the road
-FAR = 78.0  # metres: how far the street goes
+TRAM_SHARE = 0.04  # of the lanes of streets that may have a wide median, as city streets have
+OWN_LANE_EMPTY = 0.69  # KITTI: 31 % of the frames have a car ahead in our lane
 
 
-@dataclass
-class Scene:
-    """What stands on the ground.
+def random_scene(rng: np.random.Generator, half_view: float = CAMERA_VIEW) -> Site:
+    """A scene; depends on nothing but the generator and the view.
 
     Args:
-        ground: the surface.
-        things: labelled objects.
-        clutter: everything else.
+        rng: of every choice.
+        half_view: degrees to either side that the LiDAR will look at. What the camera sees is the same in any case.
     """
+    street = STREETS[pick({name: s.share for name, s in STREETS.items()}, rng)]
+    # The road plane under the cars of KITTI's train split, as fitted frame by frame.
+    ground = Ground(
+        height=rng.normal(-1.72, 0.046),
+        slope_x=rng.normal(0.0078, 0.0063),
+        slope_y=rng.normal(-0.0091, 0.018),
+        bend=rng.normal(3e-5, 1e-4),
+    )
+    site = Site(rng, ground, rng.normal(0, 0.035), rng.normal(0, street.bend), min(half_view, CAMERA_VIEW) + 3)
+    around = rng.spawn(1)[0]
+    builder = _Builder(site, street)
+    builder.fill(2.0)
+    if half_view > CAMERA_VIEW:
+        site.look_around(around)
+        builder.fill(-FAR)
+    return site
 
-    ground: Ground
-    things: list[Thing] = field(default_factory=list)
-    clutter: list[Thing] = field(default_factory=list)
 
+class _Builder:
+    """Fills a site: from the road outwards, so that what comes first has its place."""
 
-class _Street:
-    """Places things in road coordinates: ``along`` the road ahead, ``across`` to the left."""
+    def __init__(self, site: Site, street: Street) -> None:
+        self.site, self.street = site, street
+        self.crossing = site.rng.uniform(14, 55) if site.rng.random() < street.crossing else None
+        self.lane = site.rng.uniform(*street.lane)
+        self.same, oncoming = int(pick(street.same, site.rng)), int(pick(street.oncoming, site.rng))
+        self.own = int(site.rng.integers(self.same))  # lanes to our right
+        self.offset = site.rng.normal(0.1, 0.25)
+        self.median = site.rng.uniform(*street.median) if oncoming else 0.0
+        self.oncoming = oncoming
+        right = self.offset - (self.own + 0.5) * self.lane
+        self.middle = self.offset + (self.same - self.own - 0.5) * self.lane
+        self.edges = {-1: right, 1: self.middle + self.median + oncoming * self.lane}
+        site.ground = replace(site.ground, road=self._road())
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self.rng = rng
-        self.angle = rng.normal(0, 0.05)
-        slope_x, slope_y = rng.normal(0.006, 0.008), rng.normal(0, 0.008)
-        self.scene = Scene(Ground(-SENSOR_HEIGHT + rng.normal(0, 0.03), slope_x, slope_y))
-        self.lane = rng.uniform(3.0, 3.8)
-        offset = rng.normal(0, 0.25)
-        self.left = offset + self.lane * (0.5 + rng.integers(1, 4))
-        self.right = offset - self.lane * (0.5 + rng.choice([0, 0, 0, 1]))
-        self._footprints = np.array([[0.0, 0.0, 7.0, 2.6, 0.0]])  # the recording car itself
+    def _road(self) -> Road:
+        """What the ground needs to know."""
+        site, rng = self.site, self.site.rng
+        wild = self.street.pavement[1] == 0
+        return Road(
+            slope=float(np.tan(site.heading)),
+            bend=site.bend / 2,
+            left=self.edges[1] + 0.3,
+            right=self.edges[-1] - 0.3,
+            rise=rng.normal(0.1, 0.1),
+            rough=rng.uniform(0.02, 0.12 if wild else 0.05),
+            origin_x=rng.uniform(0, 1000),
+            origin_y=rng.uniform(0, 1000),
+        )
 
-    def place(self, kind: str, along: float, across: float, heading: float) -> bool:
-        """Put a thing down unless it would stand in another one."""
-        cos, sin = np.cos(self.angle), np.sin(self.angle)
-        x, y = along * cos - across * sin, along * sin + across * cos
-        position = (x, y, self.scene.ground.at(x, y))
-        make = labelled if kind in LABELLED else background
-        thing = make(kind, position, heading + self.angle, self.rng)
-        footprint = np.array([[x, y, thing.size[0] + 0.3, thing.size[1] + 0.3, thing.yaw]])
-        if bev_iou(footprint, self._footprints).max() > 0:
-            return False
-        self._footprints = np.concatenate([self._footprints, footprint])
-        (self.scene.things if kind in LABELLED else self.scene.clutter).append(thing)
-        return True
+    def fill(self, start: float) -> None:
+        """Put everything there, from ``start`` metres along the road on."""
+        self.rng, self.start = self.site.rng, start
+        self.verge = Verge(self.site, self.street, start, self.crossing)
+        self._lanes()
+        if self.crossing is not None:
+            self._cross(self.crossing)
+        for side in (1, -1):
+            kerb = self._park(side, self.edges[side]) + side * self.rng.uniform(0.1, 0.5)
+            pavement = self.verge.pave(side, kerb)
+            self._people(side, kerb)
+            self.verge.build(side, kerb, pavement)
+        self.verge.close(self.edges[-1], self.edges[1])
 
-    def vehicle(self) -> str:
-        """Which vehicle comes next, at KITTI's rates."""
-        return str(self.rng.choice(["Car", "Van", "Truck"], p=[0.87, 0.09, 0.04]))
+    def _kind(self) -> str:
+        return pick(self.street.kinds, self.rng)
 
-    def traffic(self) -> None:
-        """Moving vehicles in every lane, oncoming on the left."""
-        n_lanes = max(1, round((self.left - self.right) / self.lane))
-        for k in range(n_lanes):
-            across = self.right + (k + 0.5) * self.lane
-            oncoming = across > self.lane / 2
-            along = self.rng.uniform(4, 25)
-            density = self.rng.choice([10.0, 30.0, 90.0])
-            while along < FAR:
-                heading = self.rng.normal(np.pi if oncoming else 0, 0.03)
-                self.place(self.vehicle(), along, across + self.rng.normal(0, 0.25), heading)
-                along += 5.5 + self.rng.exponential(density)
+    def _lanes(self) -> None:
+        """Traffic in every lane."""
+        for k in range(self.same):
+            self._traffic(self.offset + (k - self.own) * self.lane, 0.0, k == self.own)
+        if self.oncoming:
+            self._median(self.middle, self.median)
+        for k in range(self.oncoming):
+            self._traffic(self.middle + self.median + (k + 0.5) * self.lane, np.pi, False)
 
-    def parked(self) -> None:
-        """Rows at either side: along the road, sometimes slanted or square to it."""
-        for side, edge in ((1, self.left), (-1, self.right)):
-            if self.rng.random() < 0.45:
-                continue
-            slant = self.rng.choice([0.0, 0.0, 0.0, 0.0, np.pi / 3, np.pi / 2])
-            across = edge + side * (1.2 if slant == 0 else 2.6)
-            along, filled = self.rng.uniform(1, 9), self.rng.uniform(0.15, 0.8)
-            step = 5.6 if slant == 0 else 2.9
-            while along < FAR:
-                if self.rng.random() < filled:
-                    heading = slant * side + self.rng.normal(0, 0.04) + np.pi * self.rng.integers(2)
-                    self.place(self.vehicle(), along, across + self.rng.normal(0, 0.15), heading)
-                along += step + self.rng.uniform(0, 1.2)
-            if side > 0:
-                self.left += 2.4 if slant == 0 else 5.2
-            else:
-                self.right -= 2.4 if slant == 0 else 5.2
+    def _traffic(self, across: float, turn: float, own: bool) -> None:
+        gap = float(self.rng.choice(self.street.gaps))
+        tram = 1 < self.street.median[1] < 5 and not own and self.rng.random() < TRAM_SHARE
+        along = self.start + self.rng.exponential(gap) + 3
+        if own and self.start > 0 and self.rng.random() < OWN_LANE_EMPTY:
+            along += self.rng.uniform(30, 80)
+        while along < FAR:
+            kind = "Tram" if tram else self._kind()
+            heading = turn + self.rng.normal(0, 0.03)
+            self.site.add(kind, along, across + self.rng.normal(0, 0.25), heading, gap=0.8)
+            along += (18.0 if tram else 5.5) + self.rng.exponential(gap * (1 + max(0.0, abs(along) - 25) / 25))
 
-    def crossing(self) -> None:
-        """Now and then a road that crosses, with vehicles square to ours."""
-        if self.rng.random() > 0.2:
+    def _median(self, across: float, width: float) -> None:
+        if width < 1.5:
             return
-        along = self.rng.uniform(12, 45)
-        for across in self.rng.uniform(-25, 25, self.rng.integers(1, 4)):
-            heading = np.pi / 2 * self.rng.choice([-1, 1]) + self.rng.normal(0, 0.08)
-            self.place(self.vehicle(), along + self.rng.choice([-1.8, 1.8]), across, heading)
+        rail = self.rng.random() < 0.6
+        for along in np.arange(self.start, FAR, PIECE):
+            if rail:
+                self.verge.run("rail", along, across + width / 2, 1)
+            elif self.rng.random() < 0.4:
+                self.verge.run("grass", along, across + width / 2, 1)
 
-    def people(self) -> None:
-        """Pedestrians on the pavements and crossing; cyclists at the edge of the road."""
-        for _ in range(self.rng.poisson(1.5)):
-            edge = (
-                self.left + self.rng.uniform(0.3, 2)
-                if self.rng.random() < 0.5
-                else self.right - self.rng.uniform(0.3, 2)
-            )
-            self.place("Pedestrian", self.rng.uniform(5, 45), edge, self.rng.uniform(-np.pi, np.pi))
-        for _ in range(self.rng.poisson(0.4)):
-            edge = self.right + 0.6 if self.rng.random() < 0.6 else self.left - 0.6
-            self.place("Cyclist", self.rng.uniform(6, 45), edge, self.rng.normal(0, 0.1))
+    def _cross(self, crossing: float) -> None:
+        """A road square to ours, with vehicles on it."""
+        turn = np.pi / 2 + self.rng.normal(0, 0.12)
+        self.site.put(roadside.crossing_road(90.0, 2 * self.lane + 0.6), crossing, 0.0, turn)
+        for side in (1, -1):
+            across = side * self.rng.uniform(5, 15)
+            while abs(across) < 45:
+                lane_at = self.rng.choice([-1, 1])
+                heading = turn if lane_at > 0 else turn + np.pi
+                self.site.add(self._kind(), crossing + lane_at * self.lane / 2, across, heading)
+                across += side * (5.5 + self.rng.exponential(float(self.rng.choice([4.0, 15.0, 40.0]))))
 
-    def roadside(self) -> None:
-        """Buildings, hedges, trees and street furniture beyond the pavements."""
-        kinds = ["wall", "building", "fence", "hedge", "nothing"]
-        for side, edge in ((1, self.left), (-1, self.right)):
-            along = self.rng.uniform(-5, 5)
-            setback = self.rng.uniform(2.5, 9)
-            while along < FAR:
-                kind = str(self.rng.choice(kinds, p=[0.15, 0.4, 0.12, 0.18, 0.15]))
-                length = self.rng.uniform(5, 18)
-                if kind != "nothing":
-                    for part in np.arange(along, along + length, 5.0):
-                        depth = self.rng.uniform(-0.3, 0.3) + (3.0 if kind == "building" else 0.0)
-                        self.place(kind, part + 2.5, edge + side * (setback + depth), 0.0)
-                along += length + self.rng.exponential(3)
-                setback = float(np.clip(setback + self.rng.normal(0, 1.5), 1.5, 12))
-            self._verge(side, edge)
+    def _park(self, side: int, edge: float) -> float:
+        """A row of parked vehicles, or two; returns where it ends."""
+        if self.rng.random() > self.street.parked:
+            return edge
+        angle = np.deg2rad(float(pick(self.street.angles, self.rng)))
+        deep = 2.1 if angle == 0 else 5.0 if angle > 1.5 else 4.9
+        self._row(side, edge + side * deep / 2, angle)
+        return edge + side * deep
 
-    def _verge(self, side: int, edge: float) -> None:
-        for kind, rate in (("tree", 4.0), ("bush", 4.0), ("pole", 3.0), ("cabinet", 1.5), ("sign", 1.5), ("heap", 1.5)):
-            for _ in range(self.rng.poisson(rate)):
-                across = edge + side * self.rng.uniform(0.6, 10)
-                self.place(kind, self.rng.uniform(2, 70), across, self.rng.uniform(-np.pi, np.pi))
+    def _row(self, side: int, across: float, angle: float) -> None:
+        filled = self.rng.uniform(*self.street.filled)
+        jitter = 0.3 if angle == 0 else 0.2
+        step = (5.4, 3.3, 2.6)[round(angle / (np.pi / 4))]
+        along = self.start + self.rng.uniform(0, step) + self.rng.exponential(8)
+        way = angle * -side + (np.pi if self.rng.random() < (0.85 if side > 0 else 0.1) else 0.0)
+        ends = along + self.rng.exponential(30) + 10
+        while along < FAR and (along < ends or self.start < 0):
+            if along > ends:  # behind us one row follows another
+                along += self.rng.uniform(5, 40)
+                ends = along + self.rng.exponential(30) + 10
+            if self.rng.random() < filled and self.verge.is_open(along, 1.0):
+                turn = way + self.rng.normal(0, 0.035) + (np.pi if self.rng.random() < 0.12 else 0.0)
+                self.site.add(self._kind(), along, across + self.rng.normal(0, jitter), turn, gap=0.3)
+                along += self.rng.exponential(0.5)
+            along += step
 
+    def _near(self, shape: float, scale: float) -> float:
+        """Somewhere not far along the road: people further off are not seen."""
+        behind = self.start < 0 and self.rng.random() < 0.5
+        return float(5 + self.rng.gamma(shape, scale)) * (-1 if behind else 1)
 
-def random_scene(rng: np.random.Generator) -> Scene:
-    """A street scene; depends on nothing but the generator."""
-    street = _Street(rng)
-    street.crossing()
-    street.traffic()
-    street.parked()
-    street.people()
-    street.roadside()
-    return street.scene
+    def _people(self, side: int, kerb: float) -> None:
+        for _ in range(self.rng.poisson(self.street.people / 2 * self.verge.longer)):
+            along, across = self._near(2.0, 9.0), kerb + side * self.rng.uniform(0.2, 3.5)
+            if self.rng.random() < 0.15:
+                across = self.rng.uniform(0, 1) * kerb  # crossing the road
+            turn = self.rng.choice([0.0, np.pi, np.pi / 2, -np.pi / 2]) + self.rng.normal(0, 0.35)
+            for k in range(1 + (self.rng.random() < 0.3) + (self.rng.random() < 0.1)):
+                kind = "Person_sitting" if self.rng.random() < 0.04 else "Pedestrian"
+                self.site.add(kind, along + 0.2 * k, across + 0.75 * k, turn, gap=0.05)
+        for _ in range(self.rng.poisson(self.street.cyclists / 2 * self.verge.longer)):
+            turn = self.rng.normal(0, 0.25) + (np.pi if side > 0 else 0.0)
+            self.site.add("Cyclist", self._near(2.2, 8.0), kerb - side * self.rng.uniform(-1.5, 0.9), turn, 0.05)
