@@ -11,7 +11,7 @@ FLOORS = [
     {"errors"},
     {"records", "files", "provenance", "digests"},
     {"geometry", "config", "leases"},
-    {"data", "losses"},
+    {"data", "losses", "sparse"},
     {"detectors", "evaluation"},
     {"training"},
     {"store", "reports"},

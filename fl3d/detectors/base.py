@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from fl3d.data.kitti import Frame
 
 Sample = dict[str, NDArray[np.generic]]
-Batch = dict[str, Tensor]
+Batch = dict[str, Any]  # tensors, and what else moves between devices by ``to``
 
 
 @dataclass(frozen=True)

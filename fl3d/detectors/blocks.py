@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from fl3d.errors import ConfigError, options
+from fl3d.sparse.layers import ReLU
 
+COMPUTE = ("sparse", "dense")
 ORDERS = ("conv_relu_norm", "conv_norm_relu")
 
 
@@ -22,7 +24,7 @@ def conv_block(conv: nn.Module, norm: nn.Module, order: str) -> nn.Sequential:
     """
     if order not in ORDERS:
         raise ConfigError(f"detector.norm_order: no order '{order}'. {options(order, ORDERS)}")
-    after = [nn.ReLU(), norm] if order == "conv_relu_norm" else [norm, nn.ReLU()]
+    after = [ReLU(), norm] if order == "conv_relu_norm" else [norm, ReLU()]
     return nn.Sequential(conv, *after)
 
 
@@ -49,6 +51,17 @@ def _fan_in(module: nn.Module) -> float:
     return weight[0].numel()
 
 
+def check_compute(compute: str) -> None:
+    """Refuse a way to compute that does not exist."""
+    if compute not in COMPUTE:
+        raise ConfigError(f"detector.compute: no choice '{compute}'. {options(compute, COMPUTE)}")
+
+
+def sort_cells(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Order of cells (V, 3) z, y, x by z, then y, then x: (V,) indices."""
+    return np.lexsort(cells.T[::-1])
+
+
 def scatter_dense(values: Tensor, cells: Tensor, shape: tuple[int, ...]) -> Tensor:
     """Write rows into a zero grid.
 
@@ -65,7 +78,8 @@ def scatter_dense(values: Tensor, cells: Tensor, shape: tuple[int, ...]) -> Tens
         flat = flat * shape[axis] + cells[:, axis]
     size = int(np.prod(shape))
     dense = values.new_zeros(size, values.shape[1]).index_copy(0, flat, values)
-    # Contiguous: on channels-last maps that are nearly constant, torch's CPU batch normalisation loses three digits.
+    # Contiguous: on channels-last maps that are nearly constant, torch's CPU batch normalisation loses three digits. (A
+    # grid of one channel is contiguous in both orders; torch goes on with channels last, twice as fast.)
     return dense.view(*shape, -1).movedim(-1, 1).contiguous()
 
 

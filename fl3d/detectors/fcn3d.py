@@ -18,9 +18,21 @@ from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
 from fl3d.data.voxels import Grid, occupancy
 from fl3d.detectors.base import Batch, Detector, Found, Sample
-from fl3d.detectors.blocks import conv_block, init_he, join_ragged, scatter_dense, sigmoid, top_scores
+from fl3d.detectors.blocks import (
+    check_compute,
+    conv_block,
+    init_he,
+    join_ragged,
+    scatter_dense,
+    sigmoid,
+    sort_cells,
+    top_scores,
+)
 from fl3d.geometry.boxes import boxes_from_corners, corners_velo, fold
 from fl3d.losses import DetectionLoss
+from fl3d.sparse.background import BackgroundMap, dense
+from fl3d.sparse.layers import BatchNorm3d, Conv3d, lay_out
+from fl3d.sparse.rulebook import voxel_layout
 
 STRIDE = 8  # of the output against the input grid
 KERNELS = (5, 5, 3, 3)
@@ -46,6 +58,7 @@ class FCN3D(Detector):
         x_shift: metres added to decoded boxes (the paper's code adds 0.1).
         norm_order: see ``blocks.conv_block``.
         head_bias: whether the two heads have a bias.
+        compute: ``sparse`` or ``dense``: the same function, and the same weights, at different speed.
     """
 
     NAME = "3D-FCN"
@@ -64,6 +77,7 @@ class FCN3D(Detector):
         x_shift: float,
         norm_order: str,
         head_bias: bool,
+        compute: str = "sparse",
     ) -> None:
         super().__init__()
         self.detection_loss = loss
@@ -73,15 +87,17 @@ class FCN3D(Detector):
         self.heading_fold = np.deg2rad(heading_fold)
         self.max_length = max_length
         self.x_shift = x_shift
+        check_compute(compute)
+        self.compute = compute
         widths = pairwise([1, *channels])
         self.body = nn.Sequential(
             *(
-                conv_block(nn.Conv3d(c_in, c_out, k, s, padding=k // 2, bias=False), nn.BatchNorm3d(c_out), norm_order)
+                conv_block(Conv3d(c_in, c_out, k, s, padding=k // 2, bias=False), BatchNorm3d(c_out), norm_order)
                 for (c_in, c_out), k, s in zip(widths, KERNELS, STRIDES, strict=True)
             )
         )
-        self.obj = nn.Conv3d(channels[-1], 1, 3, padding=1, bias=head_bias)
-        self.cor = nn.Conv3d(channels[-1], 24, 3, padding=1, bias=head_bias)
+        self.obj = Conv3d(channels[-1], 1, 3, padding=1, bias=head_bias)
+        self.cor = Conv3d(channels[-1], 24, 3, padding=1, bias=head_bias)
         init_he(self)
 
     @property
@@ -99,7 +115,8 @@ class FCN3D(Detector):
         points = frame.points_velo
         if self.fov_offset is not None:
             points = points[np.abs(points[:, 1]) < points[:, 0] - self.fov_offset]
-        sample: Sample = {"occupied": occupancy(points, self.grid)}
+        cells = occupancy(points, self.grid)
+        sample: Sample = {"occupied": cells[sort_cells(cells)]}
         if training:
             sample["cells"], sample["corners"] = self.assign(self.targets.boxes_velo(frame))
         return sample
@@ -122,8 +139,11 @@ class FCN3D(Detector):
 
     def collate(self, samples: list[Sample]) -> Batch:
         """Index rows with their sample's number in front."""
-        batch = {"occupied": join_ragged([s["occupied"] for s in samples])}
+        batch: Batch = {"occupied": join_ragged([s["occupied"] for s in samples])}
         batch["size"] = torch.tensor(len(samples))
+        if self.compute == "sparse":
+            layout = lay_out(voxel_layout(batch["occupied"], self.grid.shape, len(samples)), self.body)
+            batch |= {"layout": layout} if layout else {}
         if "cells" in samples[0]:
             batch["cells"] = join_ragged([s["cells"] for s in samples])
             batch["corners"] = torch.from_numpy(np.concatenate([s["corners"] for s in samples]))
@@ -133,9 +153,11 @@ class FCN3D(Detector):
         """Objectness logits (B, Z, Y, X) and corner offsets (B, Z, Y, X, 24)."""
         occupied = batch["occupied"]
         ones = torch.ones(len(occupied), 1, device=occupied.device, dtype=self.obj.weight.dtype)
-        grid = scatter_dense(ones, occupied, (int(batch["size"]), *self.grid.shape))
-        features = self.body(grid)
-        return self.obj(features)[:, 0], self.cor(features).movedim(1, -1)
+        if "layout" in batch:
+            features = self.body(BackgroundMap.from_voxels(ones, batch["layout"]))
+        else:
+            features = self.body(scatter_dense(ones, occupied, (int(batch["size"]), *self.grid.shape)))
+        return dense(self.obj(features))[:, 0], dense(self.cor(features)).movedim(1, -1)
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
         """Eq. 7-11: every cell without an object's centre is a negative."""

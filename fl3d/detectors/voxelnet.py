@@ -18,9 +18,22 @@ from fl3d.data.kitti import Frame
 from fl3d.data.voxels import Grid, voxelize
 from fl3d.detectors.anchors import Anchors, decode_boxes, encode_boxes
 from fl3d.detectors.base import Batch, Detector, Found, Sample
-from fl3d.detectors.blocks import conv_block, init_he, join, join_ragged, scatter_dense, sigmoid, top_scores
+from fl3d.detectors.blocks import (
+    check_compute,
+    conv_block,
+    init_he,
+    join,
+    join_ragged,
+    scatter_dense,
+    sigmoid,
+    sort_cells,
+    top_scores,
+)
 from fl3d.geometry.boxes import fold, wrap
 from fl3d.losses import DetectionLoss
+from fl3d.sparse.background import BackgroundMap, dense
+from fl3d.sparse.layers import BatchNorm3d, Conv3d, lay_out
+from fl3d.sparse.rulebook import voxel_layout
 
 N_FEATURES = 7  # x, y, z, reflectance, and x, y, z minus the mean of the voxel's points
 BLOCK_LAYERS = (4, 6, 6)  # convolutions in the three blocks of the RPN
@@ -134,6 +147,7 @@ class VoxelNet(Detector):
         norm_order: see ``blocks.conv_block``.
         mask_max: leave padded slots out of the maxima and of batch normalisation; False pads every voxel to
             ``max_points`` rows, as the paper's code does.
+        compute: of the middle layers, ``sparse`` or ``dense``: the same function and weights, at different speed.
     """
 
     NAME = "VoxelNet"
@@ -155,8 +169,11 @@ class VoxelNet(Detector):
         heading_fold: float,
         norm_order: str,
         mask_max: bool,
+        compute: str = "sparse",
     ) -> None:
         super().__init__()
+        check_compute(compute)
+        self.compute = compute
         self.detection_loss = loss
         self.grid = Grid(range_velo, voxel_size)
         self.max_points = max_points
@@ -168,7 +185,7 @@ class VoxelNet(Detector):
         layers = ((voxel_features, 2, 1), (middle, 1, 0), (middle, 2, 1))  # channels in; stride, padding over z
         self.middle = nn.Sequential(
             *(
-                conv_block(nn.Conv3d(c, middle, 3, (s, 1, 1), (p, 1, 1)), nn.BatchNorm3d(middle), norm_order)
+                conv_block(Conv3d(c, middle, 3, (s, 1, 1), (p, 1, 1)), BatchNorm3d(middle), norm_order)
                 for c, s, p in layers
             )
         )
@@ -184,12 +201,14 @@ class VoxelNet(Detector):
         """Grouped points with seven features; for training, matched anchors and their residuals."""
         points = frame.points_velo[self.grid.inside(frame.points_velo)]
         voxels = voxelize(points[rng.permutation(len(points))], self.grid, self.max_points)
-        order = np.argsort(voxels.owner, kind="stable")
-        kept, owner = voxels.points[order], voxels.owner[order]
-        lengths = np.bincount(owner, minlength=len(voxels.cells))
+        first = sort_cells(voxels.cells)
+        cells, owner = voxels.cells[first], np.argsort(first)[voxels.owner]
+        order = np.argsort(owner, kind="stable")
+        kept, owner = voxels.points[order], owner[order]
+        lengths = np.bincount(owner, minlength=len(cells))
         sums = np.add.reduceat(kept[:, :3], np.cumsum(lengths) - lengths, axis=0) if len(kept) else kept[:, :3]
         rows = np.concatenate([kept, kept[:, :3] - (sums / np.maximum(lengths, 1)[:, None])[owner]], axis=1)
-        sample: Sample = {"cells": voxels.cells, "rows": rows.astype(np.float32), "lengths": lengths}
+        sample: Sample = {"cells": cells, "rows": rows.astype(np.float32), "lengths": lengths}
         if not self.mask_max:
             sample.update(self._pad(rows, owner, lengths))
         if training:
@@ -212,7 +231,10 @@ class VoxelNet(Detector):
 
     def collate(self, samples: list[Sample]) -> Batch:
         """Concatenate rows; cells and positives carry their sample's number in front."""
-        batch = {"cells": join_ragged([s["cells"] for s in samples]), "size": torch.tensor(len(samples))}
+        batch: Batch = {"cells": join_ragged([s["cells"] for s in samples]), "size": torch.tensor(len(samples))}
+        if self.compute == "sparse":
+            layout = lay_out(voxel_layout(batch["cells"], self.grid.shape, len(samples)), self.middle)
+            batch |= {"layout": layout} if layout else {}
         for key in ("rows", "lengths", "mask", "residuals"):
             if key in samples[0]:
                 batch[key] = torch.from_numpy(np.concatenate([s[key] for s in samples]))
@@ -225,8 +247,10 @@ class VoxelNet(Detector):
         """Logits (B, A) and residuals (B, A, 7) of all anchors."""
         rows = batch["rows"].to(self.rpn.prob.weight.dtype)
         voxels = self.feature_net(rows, batch["lengths"], batch.get("mask"))
-        dense = scatter_dense(voxels, batch["cells"], (int(batch["size"]), *self.grid.shape))
-        features = self.middle(dense)
+        if "layout" in batch:
+            features = dense(self.middle(BackgroundMap.from_voxels(voxels, batch["layout"])))
+        else:
+            features = self.middle(scatter_dense(voxels, batch["cells"], (int(batch["size"]), *self.grid.shape)))
         logits, residuals = self.rpn(features.flatten(1, 2))
         return logits, residuals
 

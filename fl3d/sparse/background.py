@@ -1,0 +1,109 @@
+"""A feature map as a small canvas of background rows and the sites that differ from it.
+
+After a convolution, ReLU and batch normalisation of a grid that is empty almost everywhere, the empty part is no
+longer zero: it is one row of features per *class* of position, and the class depends on nothing but how near the
+position is to a border, axis by axis. So a map is its canvas (a row per class) and its active rows (a row per site that
+differs).
+Public sparse convolutions drop the background, and so compute another function than the dense networks of the papers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor
+
+from fl3d.sparse.layout import Layout
+
+
+@dataclass(frozen=True)
+class BackgroundMap:
+    """A feature map (B, C, Z, Y, X) that is mostly background.
+
+    Args:
+        canvas: (M, C) features of each class of background position.
+        rows: (N, C) features of the active sites.
+        layout: where they lie.
+    """
+
+    canvas: Tensor
+    rows: Tensor
+    layout: Layout
+
+    @classmethod
+    def from_voxels(cls, values: Tensor, layout: Layout) -> BackgroundMap:
+        """A grid that is zero but for some voxels.
+
+        Args:
+            values: (V, C), a row for each site of the layout.
+            layout: of one background class, see ``rulebook.voxel_layout``.
+        """
+        return cls(values.new_zeros(1, values.shape[1]), values, layout)
+
+    def dense(self) -> Tensor:
+        """The whole map: (B, C, Z, Y, X), contiguous."""
+        filled: Tensor = _Dense.apply(self.canvas, self.rows, self.layout)  # type: ignore[no-untyped-call]
+        return filled
+
+
+def dense(x: Tensor | BackgroundMap) -> Tensor:
+    """A map as a tensor; a tensor as it is."""
+    return x if isinstance(x, Tensor) else x.dense()
+
+
+class _Dense(torch.autograd.Function):
+    """Fill the background, then write the active rows."""
+
+    @staticmethod
+    def forward(ctx, canvas: Tensor, rows: Tensor, layout: Layout) -> Tensor:  # type: ignore[no-untyped-def]
+        ctx.layout = layout
+        filled = canvas.t()[:, layout.grid.flatten()].expand(layout.batch, -1, -1).contiguous()
+        for sample, (start, end) in enumerate(_spans(layout.sample_offsets)):
+            filled[sample].index_copy_(1, layout.flat[start:end], rows[start:end].t())
+        return filled.view(layout.batch, canvas.shape[1], *layout.shape)
+
+    @staticmethod
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, None]:  # type: ignore[no-untyped-def]
+        layout: Layout = ctx.layout
+        flat = grad.reshape(layout.batch, grad.shape[1], -1)
+        rows = grad.new_empty(len(layout.sites), grad.shape[1])
+        rest = torch.zeros_like(flat[0])
+        for sample, (start, end) in enumerate(_spans(layout.sample_offsets)):
+            places = layout.flat[start:end]
+            rows[start:end] = flat[sample].index_select(1, places).t()
+            rest += flat[sample].index_fill(1, places, 0)  # what the active sites received is not the background's
+        return _sum_classes(rest.view(-1, *layout.shape), layout), rows, None
+
+
+def _sum_classes(values: Tensor, layout: Layout) -> Tensor:
+    """Sum (C, Z, Y, X) over the positions of each class: (M, C)."""
+    for axis, (classes, n) in enumerate(zip(layout.classes, layout.n_classes, strict=True)):
+        parts = []
+        for k in range(n):
+            places = torch.nonzero(classes == k).flatten()
+            parts.append(values.index_select(axis + 1, places).sum(axis + 1, keepdim=True))
+        values = torch.cat(parts, dim=axis + 1)
+    return values.flatten(1).t().contiguous()
+
+
+def _spans(offsets: list[int]) -> list[tuple[int, int]]:
+    return list(pairwise(offsets))
+
+
+class TakeCanvas(torch.autograd.Function):
+    """The canvas row below each active row; its gradient is summed class by class, pairwise and in one order."""
+
+    @staticmethod
+    def forward(ctx, canvas: Tensor, layout: Layout) -> Tensor:  # type: ignore[no-untyped-def]
+        """(M, C) -> (N, C)."""
+        ctx.layout = layout
+        return canvas.index_select(0, layout.row_classes)
+
+    @staticmethod
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:  # type: ignore[no-untyped-def]
+        """(N, C) -> (M, C)."""
+        order, offsets = ctx.layout.order
+        ordered = grad.index_select(0, order)
+        return torch.stack([ordered[start:end].sum(0) for start, end in _spans(offsets)]), None

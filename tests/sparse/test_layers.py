@@ -1,0 +1,153 @@
+"""Sparse layers compute the dense layers' function: forward, gradients, statistics."""
+
+from collections.abc import Sequence
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from fl3d.sparse import layers
+from fl3d.sparse.background import BackgroundMap
+from fl3d.sparse.rulebook import voxel_layout
+
+Shape = tuple[int, int, int]
+Layer = tuple[int, int, object, object, object]  # channels in and out, kernel, stride, padding
+
+VOXELNET = ((10, 13, 17), [(3, 4, 3, (2, 1, 1), (1, 1, 1)), (4, 5, 3, 1, (0, 1, 1)), (5, 6, 3, (2, 1, 1), 1)])
+FCN3D = ((16, 15, 22), [(1, 4, 5, 2, 2), (4, 5, 5, 2, 2), (5, 6, 3, 2, 1), (6, 6, 3, 1, 1)])
+ODD = ((5, 9, 11), [(2, 4, 3, 1, 1), (4, 4, 3, 2, 1), (4, 3, (1, 3, 3), 1, (0, 1, 1))])
+FORWARD, GRADIENT = 1e-12, 1e-10
+
+
+def network(sparse: bool, config: Sequence[Layer], norm_first: bool) -> nn.Sequential:
+    kinds = (layers.Conv3d, layers.BatchNorm3d, layers.ReLU) if sparse else (nn.Conv3d, nn.BatchNorm3d, nn.ReLU)
+    modules: list[nn.Module] = []
+    for c_in, c_out, kernel, stride, padding in config:
+        conv, norm = kinds[0](c_in, c_out, kernel, stride, padding), kinds[1](c_out)
+        modules += [conv, norm, kinds[2]()] if norm_first else [conv, kinds[2](), norm]
+    return nn.Sequential(*modules)
+
+
+def pair(config: Sequence[Layer], norm_first: bool) -> tuple[nn.Sequential, nn.Sequential]:
+    """A dense network and a sparse one of the same weights; no value is at ReLU's corner."""
+    torch.manual_seed(0)
+    dense, sparse = network(False, config, norm_first).double(), network(True, config, norm_first).double()
+    for parameter in dense.parameters():
+        nn.init.normal_(parameter, std=0.4)
+    sparse.load_state_dict(dense.state_dict())
+    return dense, sparse
+
+
+def scatter(values: Tensor, cells: Tensor, shape: Shape, batch: int) -> Tensor:
+    grid = torch.zeros(batch, *shape, values.shape[1], dtype=values.dtype)
+    return grid.index_put(tuple(cells.unbind(1)), values).movedim(-1, 1)
+
+
+def through(network: nn.Sequential, values: Tensor, cells: Tensor, shape: Shape, batch: int) -> Tensor:
+    """Sort the voxels and send them through as a map."""
+    b, z, y, x = cells.unbind(1)
+    order = torch.argsort(((b * shape[0] + z) * shape[1] + y) * shape[2] + x)
+    out = network(BackgroundMap.from_voxels(values[order], voxel_layout(cells[order], shape, batch)))
+    assert isinstance(out, BackgroundMap)
+    return out.dense()
+
+
+def random_cells(shape: Shape, batch: int, fill: float) -> Tensor:
+    chosen = torch.rand(batch, *shape) < fill
+    return torch.nonzero(chosen)[torch.randperm(int(chosen.sum()))]
+
+
+def corners(shape: Shape, batch: int) -> Tensor:
+    ends = [[0, n - 1] for n in shape]
+    return torch.cartesian_prod(torch.arange(batch), *(torch.tensor(e) for e in ends))
+
+
+def compare(
+    dense: nn.Sequential, sparse: nn.Sequential, cells: Tensor, shape: Shape, batch: int, width: int, loose: float = 1.0
+) -> None:
+    values = torch.randn(len(cells), width, dtype=torch.float64, requires_grad=True)
+    again = values.detach().clone().requires_grad_()
+    expected = dense(scatter(values, cells, shape, batch))
+    found = through(sparse, again, cells, shape, batch)
+    assert found.is_contiguous()
+    assert (found - expected).abs().max() <= loose * FORWARD * max(1.0, float(expected.detach().abs().max()))
+    gradient = torch.randn_like(expected)
+    dense.zero_grad()
+    sparse.zero_grad()
+    expected.backward(gradient)
+    found.backward(gradient)
+    pairs = [(a.grad, b.grad) for a, b in zip(dense.parameters(), sparse.parameters(), strict=True)]
+    pairs += [(values.grad, again.grad)] if len(cells) else []
+    for mine, theirs in pairs:
+        assert mine is not None
+        assert theirs is not None
+        assert (mine - theirs).abs().max() <= loose * GRADIENT * max(1.0, float(mine.abs().max()))
+    for mine, theirs in zip(dense.buffers(), sparse.buffers(), strict=True):
+        torch.testing.assert_close(theirs, mine, rtol=loose * FORWARD, atol=loose * FORWARD)
+
+
+@pytest.fixture(autouse=True)
+def _never_dense(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layers, "CROWDED", float("inf"))
+
+
+@pytest.mark.parametrize("norm_first", [False, True])
+@pytest.mark.parametrize("batch", [1, 2])
+@pytest.mark.parametrize("case", ["sparse", "corners", "empty", "crowded"])
+@pytest.mark.parametrize(("shape", "config"), [VOXELNET, FCN3D, ODD])
+def test_a_map_goes_through_as_the_dense_grid_does(
+    shape: Shape, config: list[Layer], case: str, batch: int, norm_first: bool
+) -> None:
+    dense, sparse = pair(config, norm_first)
+    cells = corners(shape, batch)
+    if case != "corners":
+        cells = random_cells(shape, batch, {"sparse": 0.02, "empty": 0.0, "crowded": 0.3}[case])
+    for mode in (True, True, False):  # the running statistics of two steps, then evaluation with them
+        dense.train(mode)
+        sparse.train(mode)
+        # An empty grid is constant before the first normalisation, which divides its zero spread, or what rounding
+        # makes of it in the dense network, by sqrt(eps): 316 times larger, layer after layer.
+        compare(dense, sparse, cells, shape, batch, config[0][0], 1e5 if case == "empty" else 1.0)
+
+
+def test_one_sample_may_be_empty() -> None:
+    shape, config = VOXELNET
+    dense, sparse = pair(config, norm_first=False)
+    cells = random_cells(shape, 2, 0.05)
+    compare(dense, sparse, cells[cells[:, 0] == 1], shape, 2, config[0][0])
+
+
+def test_tensors_go_through_dense_and_the_states_have_the_same_keys() -> None:
+    shape, config = ODD
+    dense, sparse = pair(config, norm_first=True)
+    assert list(dense.state_dict()) == list(sparse.state_dict())
+    x = torch.randn(2, 2, *shape, dtype=torch.float64)
+    assert torch.equal(dense(x), sparse(x))
+
+
+def test_the_same_bits_each_time_whatever_the_order_of_the_voxels() -> None:
+    shape, config = FCN3D
+    cells = random_cells(shape, 2, 0.05)
+    torch.manual_seed(1)
+    values, seen = torch.randn(len(cells), 1), []
+    for order in (torch.arange(len(cells)), torch.randperm(len(cells)), torch.arange(len(cells))):
+        torch.manual_seed(2)
+        sparse = network(True, config, norm_first=False)
+        out = through(sparse, values[order], cells[order], shape, 2)
+        out.square().sum().backward()
+        seen.append([out, *(p.grad for p in sparse.parameters())])
+    for other in seen[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(seen[0], other, strict=True))
+
+
+def test_a_crowded_map_goes_on_dense(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layers, "CROWDED", 0.6)
+    (shape, config), values = ODD, torch.ones(1, 2, dtype=torch.float64)
+    dense, sparse = pair(config, norm_first=False)
+    cells = random_cells(shape, 1, 0.9)
+    values = torch.randn(len(cells), 2, dtype=torch.float64)
+    _, z, y, x = cells.unbind(1)
+    order = torch.argsort((z * shape[1] + y) * shape[2] + x)
+    out = sparse(BackgroundMap.from_voxels(values[order], voxel_layout(cells[order], shape, 1)))
+    assert isinstance(out, Tensor)
+    torch.testing.assert_close(out, dense(scatter(values, cells, shape, 1)))
