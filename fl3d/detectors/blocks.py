@@ -57,11 +57,6 @@ def check_compute(compute: str) -> None:
         raise ConfigError(f"detector.compute: no choice '{compute}'. {options(compute, COMPUTE)}")
 
 
-def sort_cells(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Order of cells (V, 3) z, y, x by z, then y, then x: (V,) indices."""
-    return np.lexsort(cells.T[::-1])
-
-
 def scatter_dense(values: Tensor, cells: Tensor, shape: tuple[int, ...]) -> Tensor:
     """Write rows into a zero grid.
 

@@ -25,7 +25,6 @@ from fl3d.detectors.blocks import (
     join_ragged,
     scatter_dense,
     sigmoid,
-    sort_cells,
     top_scores,
 )
 from fl3d.geometry.boxes import boxes_from_corners, corners_velo, fold
@@ -115,8 +114,7 @@ class FCN3D(Detector):
         points = frame.points_velo
         if self.fov_offset is not None:
             points = points[np.abs(points[:, 1]) < points[:, 0] - self.fov_offset]
-        cells = occupancy(points, self.grid)
-        sample: Sample = {"occupied": cells[sort_cells(cells)]}
+        sample: Sample = {"occupied": occupancy(points, self.grid)}
         if training:
             sample["cells"], sample["corners"] = self.assign(self.targets.boxes_velo(frame))
         return sample

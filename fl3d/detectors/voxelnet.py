@@ -10,12 +10,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
-from fl3d.data.voxels import Grid, voxelize
+from fl3d.data.voxels import Grid, Voxels, voxelize
 from fl3d.detectors.anchors import Anchors, decode_boxes, encode_boxes
 from fl3d.detectors.base import Batch, Detector, Found, Sample
 from fl3d.detectors.blocks import (
@@ -26,7 +25,6 @@ from fl3d.detectors.blocks import (
     join_ragged,
     scatter_dense,
     sigmoid,
-    sort_cells,
     top_scores,
 )
 from fl3d.geometry.boxes import fold, wrap
@@ -200,17 +198,10 @@ class VoxelNet(Detector):
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
         """Grouped points with seven features; for training, matched anchors and their residuals."""
         points = frame.points_velo[self.grid.inside(frame.points_velo)]
-        voxels = voxelize(points[rng.permutation(len(points))], self.grid, self.max_points)
-        first = sort_cells(voxels.cells)
-        cells, owner = voxels.cells[first], np.argsort(first)[voxels.owner]
-        order = np.argsort(owner, kind="stable")
-        kept, owner = voxels.points[order], owner[order]
-        lengths = np.bincount(owner, minlength=len(cells))
-        sums = np.add.reduceat(kept[:, :3], np.cumsum(lengths) - lengths, axis=0) if len(kept) else kept[:, :3]
-        rows = np.concatenate([kept, kept[:, :3] - (sums / np.maximum(lengths, 1)[:, None])[owner]], axis=1)
-        sample: Sample = {"cells": cells, "rows": rows.astype(np.float32), "lengths": lengths}
+        voxels = voxelize(points, self.grid, self.max_points, rng.permutation(len(points)))
+        sample: Sample = {"cells": voxels.cells, "rows": voxels.rows, "lengths": voxels.lengths}
         if not self.mask_max:
-            sample.update(self._pad(rows, owner, lengths))
+            sample.update(self._pad(voxels))
         if training:
             boxes = self.targets.boxes_velo(frame)
             boxes[:, 6] = fold(boxes[:, 6], self.heading_fold)
@@ -220,14 +211,15 @@ class VoxelNet(Detector):
             sample["negative"] = negative
         return sample
 
-    def _pad(self, rows: NDArray[np.floating], owner: NDArray[np.int64], lengths: NDArray[np.int64]) -> Sample:
+    def _pad(self, voxels: Voxels) -> Sample:
         """Fill every voxel up to ``max_points`` with zero rows, told apart by a mask."""
-        slot = np.arange(len(owner)) - (np.cumsum(lengths) - lengths)[owner]
+        owner = np.repeat(np.arange(len(voxels.lengths)), voxels.lengths)
+        slot = np.arange(len(owner)) - (np.cumsum(voxels.lengths) - voxels.lengths)[owner]
         place = owner * self.max_points + slot
-        padded = np.zeros((len(lengths) * self.max_points, N_FEATURES), dtype=np.float32)
+        padded = np.zeros((len(voxels.lengths) * self.max_points, N_FEATURES), dtype=np.float32)
         mask = np.zeros((len(padded), 1), dtype=np.float32)
-        padded[place], mask[place] = rows, 1
-        return {"rows": padded, "mask": mask, "lengths": np.full(len(lengths), self.max_points)}
+        padded[place], mask[place] = voxels.rows, 1
+        return {"rows": padded, "mask": mask, "lengths": np.full(len(voxels.lengths), self.max_points)}
 
     def collate(self, samples: list[Sample]) -> Batch:
         """Concatenate rows; cells and positives carry their sample's number in front."""
