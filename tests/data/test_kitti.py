@@ -91,7 +91,7 @@ def test_a_calibration_that_lacks_a_matrix_or_a_value_is_refused(tmp_path: Path)
 
 
 def test_a_missing_split_lists_those_present(simulated: Path) -> None:
-    with pytest.raises(DataError, match="Possible: train, val"):
+    with pytest.raises(DataError, match="Possible: train, trainval, val"):
         KittiFolder(simulated).split("trainn")
 
 

@@ -14,6 +14,7 @@ from fl3d.data.simulator.terrain import Ground, Road
 from fl3d.data.simulator.verge import Verge, pick
 
 TRAM_SHARE = 0.04  # of the lanes of streets that may have a wide median, as city streets have
+DEEP = {0: 2.1, 45: 4.9, 90: 5.0}  # metres that a row takes, by its angle to the road in degrees
 OWN_LANE_EMPTY = 0.69  # KITTI: 31 % of the frames have a car ahead in our lane
 
 
@@ -57,6 +58,11 @@ class _Builder:
         right = self.offset - (self.own + 0.5) * self.lane
         self.middle = self.offset + (self.same - self.own - 0.5) * self.lane
         self.edges = {-1: right, 1: self.middle + self.median + oncoming * self.lane}
+        self.rows = {side: self._row_angle() for side in (1, -1)}
+        self.kerbs = {
+            side: self.edges[side] + side * ((0.0 if angle is None else DEEP[angle]) + site.rng.uniform(0.1, 0.5))
+            for side, angle in self.rows.items()
+        }
         site.ground = replace(site.ground, road=self._road())
 
     def _road(self) -> Road:
@@ -66,8 +72,8 @@ class _Builder:
         return Road(
             slope=float(np.tan(site.heading)),
             bend=site.bend / 2,
-            left=self.edges[1] + 0.3,
-            right=self.edges[-1] - 0.3,
+            left=self.kerbs[1],
+            right=self.kerbs[-1],
             rise=rng.normal(0.1, 0.1),
             rough=rng.uniform(0.02, 0.12 if wild else 0.05),
             origin_x=rng.uniform(0, 1000),
@@ -82,7 +88,9 @@ class _Builder:
         if self.crossing is not None:
             self._cross(self.crossing)
         for side in (1, -1):
-            kerb = self._park(side, self.edges[side]) + side * self.rng.uniform(0.1, 0.5)
+            angle, kerb = self.rows[side], self.kerbs[side]
+            if angle is not None:
+                self._park(side, self.edges[side] + side * DEEP[angle] / 2, angle)
             pavement = self.verge.pave(side, kerb)
             self._people(side, kerb)
             self.verge.build(side, kerb, pavement)
@@ -134,19 +142,18 @@ class _Builder:
                 self.site.add(self._kind(), crossing + lane_at * self.lane / 2, across, heading)
                 across += side * (5.5 + self.rng.exponential(float(self.rng.choice([4.0, 15.0, 40.0]))))
 
-    def _park(self, side: int, edge: float) -> float:
-        """A row of parked vehicles, or two; returns where it ends."""
-        if self.rng.random() > self.street.parked:
-            return edge
-        angle = np.deg2rad(float(pick(self.street.angles, self.rng)))
-        deep = 2.1 if angle == 0 else 5.0 if angle > 1.5 else 4.9
-        self._row(side, edge + side * deep / 2, angle)
-        return edge + side * deep
+    def _row_angle(self) -> int | None:
+        """Degrees between a side's parked row and the road; None where nobody parks."""
+        if self.site.rng.random() > self.street.parked:
+            return None
+        return int(pick(self.street.angles, self.site.rng))
 
-    def _row(self, side: int, across: float, angle: float) -> None:
+    def _park(self, side: int, across: float, degrees: int) -> None:
+        """A row of parked vehicles."""
+        angle = np.deg2rad(degrees)
         filled = self.rng.uniform(*self.street.filled)
-        jitter = 0.3 if angle == 0 else 0.2
-        step = (5.4, 3.3, 2.6)[round(angle / (np.pi / 4))]
+        jitter = 0.3 if degrees == 0 else 0.2
+        step = {0: 5.4, 45: 3.3, 90: 2.6}[degrees]
         along = self.start + self.rng.uniform(0, step) + self.rng.exponential(8)
         way = angle * -side + (np.pi if self.rng.random() < (0.85 if side > 0 else 0.1) else 0.0)
         ends = along + self.rng.exponential(30) + 10

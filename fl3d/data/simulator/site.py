@@ -18,7 +18,6 @@ from fl3d.data.simulator.terrain import Ground
 
 Size = tuple[float, float, float]  # length, width, height
 PIECE = 5.0  # metres: fences, walls and banks come in pieces of this length
-UNDER = 0.03  # metres above the ground at which boxes begin
 FAR = 95.0  # metres: nothing is placed beyond
 _ROOM = 2048  # footprints that are remembered
 
@@ -145,7 +144,7 @@ class Site:
             wanted.make(self._within(kind, size), self.rng), x, y, road + turn, len(self.things), self._lift(across)
         )
         loose = self.rng.normal(0, 0.02, 3)  # annotators' hands
-        at = (x + loose[0], y + loose[1], z + loose[2] + UNDER)
+        at = (x + loose[0], y + loose[1], z + loose[2])
         self.things.append(Thing(kind, at, size, float(road + turn)))
         return True
 
@@ -156,8 +155,8 @@ class Site:
         """
         if kind not in ("Car", "Van", "Truck", "Misc"):
             return size
-        margin = np.clip(self.rng.normal((0.03, 0.06, 0.03), (0.06, 0.04, 0.02)), -0.05, 0.25)
-        return float(size[0] - margin[0]), float(size[1] - margin[1]), float(size[2] + UNDER - margin[2])
+        margin = np.clip(self.rng.normal((0.03, 0.06, 0.01), (0.06, 0.04, 0.02)), -0.05, 0.25)
+        return float(size[0] - margin[0]), float(size[1] - margin[1]), float(size[2] - margin[2])
 
     def put(
         self,
