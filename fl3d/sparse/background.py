@@ -59,7 +59,8 @@ class _Dense(torch.autograd.Function):
     @staticmethod
     def forward(ctx, canvas: Tensor, rows: Tensor, layout: Layout) -> Tensor:  # type: ignore[no-untyped-def]
         ctx.layout = layout
-        filled = canvas.t()[:, layout.grid.flatten()].expand(layout.batch, -1, -1).contiguous()
+        filled = canvas.t().contiguous().index_select(1, layout.grid.flatten())
+        filled = filled.expand(layout.batch, -1, -1).contiguous()
         for sample, (start, end) in enumerate(_spans(layout.sample_offsets)):
             filled[sample].index_copy_(1, layout.flat[start:end], rows[start:end].t())
         return filled.view(layout.batch, canvas.shape[1], *layout.shape)
@@ -69,11 +70,12 @@ class _Dense(torch.autograd.Function):
         layout: Layout = ctx.layout
         flat = grad.reshape(layout.batch, grad.shape[1], -1)
         rows = grad.new_empty(len(layout.sites), grad.shape[1])
-        rest = torch.zeros_like(flat[0])
+        rest = torch.zeros(())
         for sample, (start, end) in enumerate(_spans(layout.sample_offsets)):
             places = layout.flat[start:end]
             rows[start:end] = flat[sample].index_select(1, places).t()
-            rest += flat[sample].index_fill(1, places, 0)  # what the active sites received is not the background's
+            own = flat[sample].index_fill(1, places, 0)  # what the active sites received is not the background's
+            rest = own if sample == 0 else rest.add_(own)
         return _sum_classes(rest.view(-1, *layout.shape), layout), rows, None
 
 
