@@ -42,8 +42,8 @@ def test_the_makespan_of_two_slots_by_hand() -> None:
 
 
 def test_flops_and_bytes_by_hand(tmp_path: Path) -> None:
-    """Quick VoxelNet: 3 epochs of 400 frames, forward and backward, and three looks at 300 frames."""
-    plan = planned("detector=voxelnet")
+    """Quick VoxelNet, 3 epochs of 400 frames: forward and backward, and three looks at 300 frames."""
+    plan = planned("detector=voxelnet", "schedule.epochs.warmup=3")
     warmup = next(iter(plan.stages.values()))
     cost = Costs(tmp_path, 300).cost(warmup)
     frame = sum(layer_flops(lambda: build_detector(warmup.config)).values())
@@ -56,7 +56,7 @@ def test_flops_and_bytes_by_hand(tmp_path: Path) -> None:
 
 
 def test_stages_have_a_checkpoint_each_so_many_epochs_and_at_the_end() -> None:
-    plan = planned("detector=voxelnet", "schedule.checkpoint_every=2")
+    plan = planned("detector=voxelnet", "schedule.epochs.warmup=3", "schedule.checkpoint_every=2")
     assert [checkpoint_epochs(one) for one in plan.stages.values()] == [[2, 3], [2]]
 
 
@@ -78,10 +78,10 @@ def test_a_tree_tells_what_sets_stages_apart() -> None:
     plan = Planner(configs[0], DataInfo("digest", 400)).plan([Point((), config) for config in configs])
     lines = plan_tree(plan, lambda one: f"{one.epochs} epochs")
     assert lines == [
-        "VoxelNet warmup seed=0 (shared): 3 epochs",
+        "VoxelNet warmup seed=0 (shared): 12 epochs",
         "├─ focal loss.gamma=0: 2 epochs",
         "└─ focal loss.gamma=2: 2 epochs",
-        "VoxelNet warmup seed=1 (shared): 3 epochs",
+        "VoxelNet warmup seed=1 (shared): 12 epochs",
         "├─ focal loss.gamma=0: 2 epochs",
         "└─ focal loss.gamma=2: 2 epochs",
     ]
