@@ -80,7 +80,7 @@ def test_the_store_holds_the_whole_curve_of_every_trial(finished: tuple[Path, st
     models = connection.execute("SELECT name, COUNT(*) FROM logged_models GROUP BY name").fetchall()
     connection.close()
     assert len(rows) == 4
-    assert {row[1:] for row in rows} == {(6, 6)}  # five checkpoints of the warm-up and one of its own
+    assert {row[1:] for row in rows} == {(7, 7)}  # six checkpoints of the warm-up and one of its own
     assert sorted(models) == [("best", 4), ("last", 4)]
 
 

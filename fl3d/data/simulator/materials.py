@@ -51,11 +51,10 @@ LEAVES = Material(15, 0.34, (0.22, 0.36, 0.13), 0.0, density=2.2)
 THICKET = Material(16, 0.34, (0.25, 0.36, 0.16), 0.0, density=5.0)
 BARK = Material(17, 0.3, (0.33, 0.27, 0.21), 0.04, 0.2)
 SOIL = Material(18, 0.3, (0.42, 0.36, 0.27), 0.06, 0.3)
-GRAVEL = Material(19, 0.28, (0.5, 0.47, 0.42), 0.02, 0.2)
 
 MATERIALS = (
     *(ASPHALT, PAVING, GRASS, PAINT, RUBBER, GLASS, TRIM, CLOTH, SKIN, PLASTER),
-    *(BRICK, STONE, WOOD, METAL, SIGN, LEAVES, THICKET, BARK, SOIL, GRAVEL),
+    *(BRICK, STONE, WOOD, METAL, SIGN, LEAVES, THICKET, BARK, SOIL),
 )
 ROUGH, PATCH, DENSITY, GLOSS, LOSS = range(5)  # columns of TABLE
 TABLE = np.array([[m.rough, m.patch, m.density, m.gloss, m.loss] for m in MATERIALS])
