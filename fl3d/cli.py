@@ -243,7 +243,7 @@ def simulate(arguments: list[str]) -> None:
     parser.add_argument("--frames", type=_at_least_one, default=700, metavar="N", help="all of them (default: 700)")
     parser.add_argument("--val", type=_count, metavar="N", help="of them in the validation split (default: 3 of 7)")
     parser.add_argument("--seed", type=_count, default=0, help="of all randomness (default: 0)")
-    parser.add_argument("--no-pictures", action="store_true", help="leave image_2 out: seven times faster")
+    parser.add_argument("--no-pictures", action="store_true", help="leave image_2 out: six times faster")
     parser.add_argument("--whole-turn", action="store_true", help="clouds all around, not what the camera sees alone")
     parser.add_argument("--workers", type=_at_least_one, metavar="N", help="processes (default: one a core)")
     options = parser.parse_args(arguments)

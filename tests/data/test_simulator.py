@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fl3d.data.kitti import KittiFolder
+from fl3d.data.kitti import IMAGE_SIZE, KittiFolder
 from fl3d.data.labels import TYPES
 from fl3d.data.simulator.annotate import annotate, things_boxes
-from fl3d.data.simulator.camera import CALIBRATION, IMAGE_SIZE, take_picture
+from fl3d.data.simulator.camera import CALIBRATION, take_picture
 from fl3d.data.simulator.echoes import Returns
 from fl3d.data.simulator.generate import Settings, generate, write_folder
 from fl3d.data.simulator.hdl64 import CAMERA_VIEW, ELEVATIONS, ORIGINS

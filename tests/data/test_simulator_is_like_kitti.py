@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fl3d.data.kitti import KittiFolder
+from fl3d.data.kitti import IMAGE_SIZE, KittiFolder
 from fl3d.data.labels import Labels
-from fl3d.data.simulator.camera import IMAGE_SIZE
 from fl3d.data.simulator.generate import Settings, generate
 from fl3d.data.simulator.image_detector import NUMBERS, detect_in_image
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.data.calibration import Calibration
+from fl3d.data.kitti import IMAGE_SIZE
 from fl3d.data.simulator.light import GLASS_NUMBER, cast_shadows, ground_color, sky_color, solid_color, speckle
 from fl3d.data.simulator.materials import DENSITY, GRASS, PAVING, TABLE
 from fl3d.data.simulator.noise import chance
@@ -14,7 +15,6 @@ from fl3d.data.simulator.solids import FLAT, MATERIAL, PASS, Float, Solids, ente
 from fl3d.data.simulator.terrain import Ground
 
 Image = NDArray[np.uint8]
-IMAGE_SIZE = (1242, 375)  # width, height in pixels
 
 # The calibration of four fifths of KITTI's frames.
 CALIBRATION = Calibration(

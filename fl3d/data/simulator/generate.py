@@ -21,10 +21,11 @@ from PIL import Image
 from tqdm import tqdm
 
 from fl3d.data.calibration import write_calibration
+from fl3d.data.kitti import IMAGE_SIZE
 from fl3d.data.labels import read_labels, write_labels
 from fl3d.data.simulator import VERSION
 from fl3d.data.simulator.annotate import annotate
-from fl3d.data.simulator.camera import CALIBRATION, IMAGE_SIZE, OTHERS, take_picture
+from fl3d.data.simulator.camera import CALIBRATION, OTHERS, take_picture
 from fl3d.data.simulator.hdl64 import CAMERA_VIEW
 from fl3d.data.simulator.image_detector import NUMBERS, detect_in_image
 from fl3d.data.simulator.lidar import scan
