@@ -140,8 +140,9 @@ class FCN3D(Detector):
         batch: Batch = {"occupied": join_ragged([s["occupied"] for s in samples])}
         batch["size"] = torch.tensor(len(samples))
         if self.compute == "sparse":
-            layout = lay_out(voxel_layout(batch["occupied"], self.grid.shape, len(samples)), self.body)
-            batch |= {"layout": layout} if layout else {}
+            layout = voxel_layout(batch["occupied"], self.grid.shape, len(samples))
+            lay_out(lay_out(layout, self.body), self.obj)  # whose rulebook is that of ``cor`` too
+            batch |= {"layout": layout} if layout.rules else {}
         if "cells" in samples[0]:
             batch["cells"] = join_ragged([s["cells"] for s in samples])
             batch["corners"] = torch.from_numpy(np.concatenate([s["corners"] for s in samples]))

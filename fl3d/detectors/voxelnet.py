@@ -29,8 +29,9 @@ from fl3d.detectors.blocks import (
 )
 from fl3d.geometry.boxes import fold, wrap
 from fl3d.losses import DetectionLoss
-from fl3d.sparse.background import BackgroundMap, dense
-from fl3d.sparse.layers import BatchNorm3d, Conv3d, lay_out
+from fl3d.sparse.background import BackgroundMap, dense_bev
+from fl3d.sparse.layers import BatchNorm2d, BatchNorm3d, Conv2d, Conv3d, ConvTranspose2d, Map, lay_out
+from fl3d.sparse.layout import Layout
 from fl3d.sparse.rulebook import voxel_layout
 
 N_FEATURES = 7  # x, y, z, reflectance, and x, y, z minus the mean of the voxel's points
@@ -92,6 +93,18 @@ class FeatureNet(nn.Module):
         return max_per_voxel(self.fc(rows), lengths)
 
 
+class Pointwise(nn.Conv2d):
+    """A 2D convolution of kernel 1 as one matrix product; torch's own copies its input first, to unfold it."""
+
+    def __init__(self, c_in: int, c_out: int) -> None:
+        super().__init__(c_in, c_out, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, C', H, W)."""
+        assert self.bias is not None
+        return (self.weight.flatten(1) @ x.flatten(2) + self.bias[:, None]).view(len(x), -1, *x.shape[2:])
+
+
 class RPN(nn.Module):
     """Three blocks of 2D convolutions, brought to one resolution, and the two heads.
 
@@ -106,20 +119,26 @@ class RPN(nn.Module):
         super().__init__()
         self.blocks, self.deconvs = nn.ModuleList(), nn.ModuleList()
         for layers, width, (kernel, stride) in zip(BLOCK_LAYERS, widths, UPSAMPLE, strict=True):
-            convs = [nn.Conv2d(c_in, width, 3, 2, 1), *(nn.Conv2d(width, width, 3, 1, 1) for _ in range(layers - 1))]
-            self.blocks.append(nn.Sequential(*(conv_block(c, nn.BatchNorm2d(width), norm_order) for c in convs)))
-            deconv = nn.ConvTranspose2d(width, up, kernel, stride, padding=(kernel - stride) // 2)
-            self.deconvs.append(conv_block(deconv, nn.BatchNorm2d(up), norm_order))
+            convs = [Conv2d(c_in, width, 3, 2, 1), *(Conv2d(width, width, 3, 1, 1) for _ in range(layers - 1))]
+            self.blocks.append(nn.Sequential(*(conv_block(c, BatchNorm2d(width), norm_order) for c in convs)))
+            deconv = ConvTranspose2d(width, up, kernel, stride, padding=(kernel - stride) // 2)
+            self.deconvs.append(conv_block(deconv, BatchNorm2d(up), norm_order))
             c_in = width
-        self.prob = nn.Conv2d(3 * up, 2, 1)
-        self.reg = nn.Conv2d(3 * up, 14, 1)
+        self.prob = Pointwise(3 * up, 2)
+        self.reg = Pointwise(3 * up, 14)
 
-    def forward(self, bev: Tensor) -> tuple[Tensor, Tensor]:
-        """(B, C, H, W) -> logits (B, H/2 * W/2 * 2) and residuals (B, H/2 * W/2 * 2, 7)."""
+    def lay_out(self, layout: Layout | None) -> None:
+        """Make the rulebooks of what is sparse in it, see ``sparse.layers.lay_out``."""
+        for block, deconv in zip(self.blocks, self.deconvs, strict=True):
+            layout = lay_out(layout, block)
+            lay_out(layout, deconv)
+
+    def forward(self, bev: Map) -> tuple[Tensor, Tensor]:
+        """(B, C, H, W), or a map -> logits (B, H/2 * W/2 * 2) and residuals (B, H/2 * W/2 * 2, 7)."""
         raised = []
         for block, deconv in zip(self.blocks, self.deconvs, strict=True):
             bev = block(bev)
-            raised.append(deconv(bev))
+            raised.append(dense_bev(deconv(bev)))
         features = torch.cat(raised[::-1], dim=1)
         logits = self.prob(features).movedim(1, -1).flatten(1)
         residuals = self.reg(features).movedim(1, -1).reshape(len(features), -1, 7)
@@ -145,7 +164,7 @@ class VoxelNet(Detector):
         norm_order: see ``blocks.conv_block``.
         mask_max: leave padded slots out of the maxima and of batch normalisation; False pads every voxel to
             ``max_points`` rows, as the paper's code does.
-        compute: of the middle layers, ``sparse`` or ``dense``: the same function and weights, at different speed.
+        compute: ``sparse``, up to where maps are crowded, or ``dense``: the same function, and the same weights.
     """
 
     NAME = "VoxelNet"
@@ -225,8 +244,9 @@ class VoxelNet(Detector):
         """Concatenate rows; cells and positives carry their sample's number in front."""
         batch: Batch = {"cells": join_ragged([s["cells"] for s in samples]), "size": torch.tensor(len(samples))}
         if self.compute == "sparse":
-            layout = lay_out(voxel_layout(batch["cells"], self.grid.shape, len(samples)), self.middle)
-            batch |= {"layout": layout} if layout else {}
+            layout = voxel_layout(batch["cells"], self.grid.shape, len(samples))
+            self.rpn.lay_out(lay_out(layout, self.middle))
+            batch |= {"layout": layout} if layout.rules else {}
         for key in ("rows", "lengths", "mask", "residuals"):
             if key in samples[0]:
                 batch[key] = torch.from_numpy(np.concatenate([s[key] for s in samples]))
@@ -240,10 +260,10 @@ class VoxelNet(Detector):
         rows = batch["rows"].to(self.rpn.prob.weight.dtype)
         voxels = self.feature_net(rows, batch["lengths"], batch.get("mask"))
         if "layout" in batch:
-            features = dense(self.middle(BackgroundMap.from_voxels(voxels, batch["layout"])))
+            features = self.middle(BackgroundMap.from_voxels(voxels, batch["layout"]))
         else:
             features = self.middle(scatter_dense(voxels, batch["cells"], (int(batch["size"]), *self.grid.shape)))
-        logits, residuals = self.rpn(features.flatten(1, 2))
+        logits, residuals = self.rpn(features.flatten(1, 2) if isinstance(features, Tensor) else features)
         return logits, residuals
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:

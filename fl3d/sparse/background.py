@@ -49,8 +49,13 @@ class BackgroundMap:
 
 
 def dense(x: Tensor | BackgroundMap) -> Tensor:
-    """A map as a tensor; a tensor as it is."""
+    """A map as a tensor (B, C, Z, Y, X); a tensor as it is."""
     return x if isinstance(x, Tensor) else x.dense()
+
+
+def dense_bev(x: Tensor | BackgroundMap) -> Tensor:
+    """A map as a tensor of its bird's-eye view, the depth in the channels: (B, C Z, Y, X); such a tensor as it is."""
+    return x if isinstance(x, Tensor) else x.dense().flatten(1, 2)
 
 
 class _Dense(torch.autograd.Function):

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from fl3d.sparse import layers
-from fl3d.sparse.background import BackgroundMap
+from fl3d.sparse.background import BackgroundMap, dense, dense_bev
 from fl3d.sparse.rulebook import voxel_layout
 
 Shape = tuple[int, int, int]
@@ -16,16 +16,36 @@ Layer = tuple[int, int, object, object, object]  # channels in and out, kernel, 
 VOXELNET = ((10, 13, 17), [(3, 4, 3, (2, 1, 1), (1, 1, 1)), (4, 5, 3, 1, (0, 1, 1)), (5, 6, 3, (2, 1, 1), 1)])
 FCN3D = ((16, 15, 22), [(1, 4, 5, 2, 2), (4, 5, 5, 2, 2), (5, 6, 3, 2, 1), (6, 6, 3, 1, 1)])
 ODD = ((5, 9, 11), [(2, 4, 3, 1, 1), (4, 4, 3, 2, 1), (4, 3, (1, 3, 3), 1, (0, 1, 1))])
+# On into two dimensions, the depth in the channels; "up" is a deconvolution.
+BEV = ((5, 13, 16), [(2, 3, 3, (2, 1, 1), 1), (9, 5, (3, 3), 2, 1), (5, 6, (3, 3), 1, 1), (6, 4, "up", 1, 1)])
+RAISED = ((4, 7, 9), [(8, 5, (3, 1), (1, 2), (0, 1)), (5, 3, "up", 1, 0)])  # begins in two dimensions
 FORWARD, GRADIENT = 1e-12, 1e-10
+CASES = (VOXELNET, FCN3D, ODD, BEV, RAISED)
+
+
+class Flatten(nn.Module):
+    def forward(self, x: Tensor) -> Tensor:
+        return x.flatten(1, 2) if isinstance(x, Tensor) and x.dim() == 5 else x
 
 
 def network(sparse: bool, config: Sequence[Layer], norm_first: bool) -> nn.Sequential:
-    kinds = (layers.Conv3d, layers.BatchNorm3d, layers.ReLU) if sparse else (nn.Conv3d, nn.BatchNorm3d, nn.ReLU)
+    kinds = layers if sparse else nn
     modules: list[nn.Module] = []
     for c_in, c_out, kernel, stride, padding in config:
-        conv, norm = kinds[0](c_in, c_out, kernel, stride, padding), kinds[1](c_out)
-        modules += [conv, norm, kinds[2]()] if norm_first else [conv, kinds[2](), norm]
+        if kernel == "up":
+            conv, norm = kinds.ConvTranspose2d(c_in, c_out, 3, stride, padding), kinds.BatchNorm2d(c_out)
+        elif isinstance(kernel, tuple) and len(kernel) == 2:
+            conv, norm = kinds.Conv2d(c_in, c_out, kernel, stride, padding), kinds.BatchNorm2d(c_out)
+        else:
+            conv, norm = kinds.Conv3d(c_in, c_out, kernel, stride, padding), kinds.BatchNorm3d(c_out)
+        flat = [] if isinstance(conv, nn.Conv3d) else [Flatten()]
+        modules += flat + ([conv, norm, kinds.ReLU()] if norm_first else [conv, kinds.ReLU(), norm])
     return nn.Sequential(*modules)
+
+
+def width(shape: Shape, config: Sequence[Layer]) -> int:
+    """Channels of a voxel: a network that begins in two dimensions takes the depth for channels too."""
+    return config[0][0] // (shape[0] if isinstance(config[0][2], tuple) and len(config[0][2]) == 2 else 1)
 
 
 def pair(config: Sequence[Layer], norm_first: bool) -> tuple[nn.Sequential, nn.Sequential]:
@@ -49,7 +69,8 @@ def through(network: nn.Sequential, values: Tensor, cells: Tensor, shape: Shape,
     order = torch.argsort(((b * shape[0] + z) * shape[1] + y) * shape[2] + x)
     out = network(BackgroundMap.from_voxels(values[order], voxel_layout(cells[order], shape, batch)))
     assert isinstance(out, BackgroundMap)
-    return out.dense()
+    flat = any(isinstance(module, nn.BatchNorm2d) for module in network)
+    return dense_bev(out) if flat else dense(out)
 
 
 def random_cells(shape: Shape, batch: int, fill: float) -> Tensor:
@@ -94,7 +115,7 @@ def _never_dense(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("norm_first", [False, True])
 @pytest.mark.parametrize("batch", [1, 2])
 @pytest.mark.parametrize("case", ["sparse", "corners", "empty", "crowded"])
-@pytest.mark.parametrize(("shape", "config"), [VOXELNET, FCN3D, ODD])
+@pytest.mark.parametrize(("shape", "config"), CASES)
 def test_a_map_goes_through_as_the_dense_grid_does(
     shape: Shape, config: list[Layer], case: str, batch: int, norm_first: bool
 ) -> None:
@@ -107,7 +128,7 @@ def test_a_map_goes_through_as_the_dense_grid_does(
         sparse.train(mode)
         # An empty grid is constant before the first normalisation, which divides its zero spread, or what rounding
         # makes of it in the dense network, by sqrt(eps): 316 times larger, layer after layer.
-        compare(dense, sparse, cells, shape, batch, config[0][0], 1e5 if case == "empty" else 1.0)
+        compare(dense, sparse, cells, shape, batch, width(shape, config), 1e5 if case == "empty" else 1.0)
 
 
 def test_one_sample_may_be_empty() -> None:

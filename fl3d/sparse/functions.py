@@ -1,0 +1,74 @@
+"""What the sparse layers compute, with their gradients: sums in one order, on whatever device."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from fl3d.sparse.layout import Rulebook
+
+
+class TapConvolution(torch.autograd.Function):
+    """Tap by tap: gather rows, multiply, add. Within a tap no row comes twice, so the order of sums is fixed."""
+
+    @staticmethod
+    def forward(ctx, rows: Tensor, weight: Tensor, below: Tensor, rules: Rulebook) -> Tensor:  # type: ignore[no-untyped-def]
+        """(N, C), (taps, C, C') and the output's background (N', C') -> (N', C')."""
+        ctx.save_for_backward(rows, weight)
+        ctx.rules = rules
+        out = below.clone()
+        for tap, (start, end) in enumerate(zip(rules.offsets[:-1], rules.offsets[1:], strict=True)):
+            if end > start:
+                taken = rows.index_select(0, rules.rows_in[start:end])
+                out.index_add_(0, rules.rows_out[start:end], taken @ weight[tap])
+        return out
+
+    @staticmethod
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:  # type: ignore[no-untyped-def]
+        """(N', C') -> gradients of the three."""
+        rows, weight = ctx.saved_tensors
+        rules: Rulebook = ctx.rules
+        to_rows, to_weight = torch.zeros_like(rows), torch.zeros_like(weight)
+        for tap, (start, end) in enumerate(zip(rules.offsets[:-1], rules.offsets[1:], strict=True)):
+            if end > start:
+                source, target = rules.rows_in[start:end], rules.rows_out[start:end]
+                own = grad.index_select(0, target)
+                to_weight[tap] = rows.index_select(0, source).t() @ own
+                to_rows.index_add_(0, source, own @ weight[tap].t())
+        return to_rows, to_weight, grad, None
+
+
+class WeightedNorm(torch.autograd.Function):
+    """Batch normalisation where a row of the canvas counts for as many positions as it stands for."""
+
+    @staticmethod
+    def forward(  # type: ignore[no-untyped-def]
+        ctx, canvas: Tensor, rows: Tensor, weights: Tensor, n: float, gamma: Tensor, beta: Tensor, eps: float
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Canvas (M, C), rows (N, C), positions (M,) of each canvas row and in all -> both, mean and variance (C)."""
+        # Sums of differences from the commonest row: sums of the values themselves would lose three digits.
+        common = canvas[int(weights.argmax())]
+        low, high = canvas - common, rows - common
+        share = weights[:, None] / n
+        offset = (low * share).sum(0) + high.sum(0) / n
+        low, high = low - offset, high - offset
+        var = (low * low * share).sum(0) + (high * high).sum(0) / n
+        inverse = torch.rsqrt(var + eps)
+        low, high = low * inverse, high * inverse
+        ctx.save_for_backward(low, high, share, gamma, inverse)
+        ctx.n = n
+        ctx.mark_non_differentiable(mean := common + offset, var)
+        return low * gamma + beta, high * gamma + beta, mean, var
+
+    @staticmethod
+    def backward(ctx, grad_canvas: Tensor, grad_rows: Tensor, _mean: Tensor, _var: Tensor) -> tuple[Any, ...]:  # type: ignore[no-untyped-def]
+        """Gradients of canvas, rows, gamma and beta."""
+        low, high, share, gamma, inverse = ctx.saved_tensors
+        to_beta = grad_canvas.sum(0) + grad_rows.sum(0)
+        to_gamma = (grad_canvas * low).sum(0) + (grad_rows * high).sum(0)
+        scale = gamma * inverse
+        to_canvas = scale * (grad_canvas - share * (to_beta + low * to_gamma))
+        to_rows = scale * (grad_rows - (to_beta + high * to_gamma) / ctx.n)
+        return to_canvas, to_rows, None, None, to_gamma, to_beta, None
