@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,7 @@ class Anchors:
         if self.iou == "rotated" and self.iou_plus_one:
             raise ConfigError("detector.anchors.iou_plus_one needs iou=standup")
 
+    @cached_property
     def boxes_velo(self) -> NDArray[np.float64]:
         """(Y * X * 2, 7), the two headings innermost."""
         ys, xs = (
@@ -65,34 +67,45 @@ class Anchors:
             return np.linspace(low, high, count)
         return low + (np.arange(count) + 0.5) * (high - low) / count
 
-    def overlaps(self, anchors: Array, boxes: Array) -> NDArray[np.float64]:
-        """Overlap of anchors (A, 7) with objects (N, 7) -> (A, N)."""
-        a, b = rectangles_velo(anchors), rectangles_velo(boxes)
-        if self.iou == "rotated":
-            return bev_iou(a, b)
-        grow = np.array([0, 0, 1, 1]) if self.iou_plus_one else np.zeros(4)
-        return image_iou(standup(a) + grow, standup(b) + grow)
+    @cached_property
+    def _hulls(self) -> NDArray[np.float64]:
+        return self._hulls_of(self.boxes_velo)
 
-    def assign(self, anchors: Array, boxes: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    def _hulls_of(self, boxes: Array) -> NDArray[np.float64]:
+        grow = np.array([0, 0, 1, 1]) if self.iou_plus_one else np.zeros(4)
+        return standup(rectangles_velo(boxes)) + grow
+
+    def overlaps(self, box: Array) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Anchors whose hull meets that of an object (7,), and their overlap with it; all others have none."""
+        low_x, low_y, high_x, high_y = self._hulls.T
+        hull = self._hulls_of(box[None])
+        (x1, y1, x2, y2) = hull[0]
+        near = np.flatnonzero((low_x < x2) & (high_x > x1) & (low_y < y2) & (high_y > y1))
+        if self.iou == "rotated":
+            return near, bev_iou(rectangles_velo(self.boxes_velo[near]), rectangles_velo(box[None]))[:, 0]
+        return near, image_iou(self._hulls[near], hull)[:, 0]
+
+    def assign(self, boxes: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
         """Match anchors to objects.
 
         Args:
-            anchors: (A, 7).
             boxes: (N, 7) objects.
 
         Returns:
             positive anchors (P,), the object of each (P,), and which anchors are negative (A,).
         """
-        if len(boxes) == 0:
-            nothing = np.zeros(0, dtype=np.int64)
-            return nothing, nothing, np.ones(len(anchors), dtype=bool)
-        overlap = self.overlaps(anchors, boxes)
-        owner, best = overlap.argmax(axis=1), overlap.max(axis=1)
-        positive = best > self.positive
-        top = overlap.argmax(axis=0)
-        for n in np.flatnonzero(overlap[top, np.arange(len(boxes))] > 0):
-            positive[top[n]] = True
-            owner[top[n]] = n
+        count = len(self.boxes_velo)
+        best, owner, positive = np.zeros(count), np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+        tops = []
+        for n, box in enumerate(boxes):
+            near, overlap = self.overlaps(box)
+            better = overlap > best[near]
+            best[near[better]], owner[near[better]] = overlap[better], n
+            if overlap.any():
+                tops.append((near[overlap.argmax()], n))
+        positive[best > self.positive] = True
+        for anchor, n in tops:
+            positive[anchor], owner[anchor] = True, n
         chosen = np.flatnonzero(positive)
         return chosen, owner[chosen], (best < self.negative) & ~positive
 

@@ -211,7 +211,7 @@ class VoxelNet(Detector):
         self.rpn = RPN(middle * depth, rpn, up, norm_order)
         shape = (-(-height // 2), -(-width // 2))
         self.matcher = Anchors(range_velo=self.grid.range_velo, shape=shape, **anchors)  # type: ignore[arg-type]
-        self.anchors = self.matcher.boxes_velo()
+        self.anchors = self.matcher.boxes_velo
         init_he(self)
 
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
@@ -224,7 +224,7 @@ class VoxelNet(Detector):
         if training:
             boxes = self.targets.boxes_velo(frame)
             boxes[:, 6] = fold(boxes[:, 6], self.heading_fold)
-            chosen, owners, negative = self.matcher.assign(self.anchors, boxes)
+            chosen, owners, negative = self.matcher.assign(boxes)
             sample["positive"] = chosen[:, None]
             sample["residuals"] = encode_boxes(boxes[owners], self.anchors[chosen]).astype(np.float32)
             sample["negative"] = negative

@@ -13,6 +13,8 @@ from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.anchors import Anchors, decode_boxes, encode_boxes
 from fl3d.detectors.voxelnet import FeatureNet, VoxelNet, max_per_voxel
 from fl3d.errors import ConfigError
+from fl3d.geometry.boxes import rectangles_velo, standup
+from fl3d.geometry.iou import bev_iou, image_iou
 from fl3d.training.build import build_detector
 
 PLAIN = {
@@ -29,7 +31,7 @@ PLAIN = {
 
 
 def test_anchors_stand_at_cell_centres_in_two_headings() -> None:
-    boxes = Anchors(**PLAIN).boxes_velo()
+    boxes = Anchors(**PLAIN).boxes_velo
     assert boxes.shape == (800, 7)
     np.testing.assert_allclose(boxes[0], [0.2, -3.8, -1.78, 1.56, 1.6, 3.9, 0])
     np.testing.assert_allclose(boxes[1, 6], np.pi / 2)
@@ -37,7 +39,7 @@ def test_anchors_stand_at_cell_centres_in_two_headings() -> None:
 
 
 def test_the_codes_grid_runs_from_border_to_border() -> None:
-    boxes = Anchors(**PLAIN | {"grid": "linspace"}).boxes_velo()
+    boxes = Anchors(**PLAIN | {"grid": "linspace"}).boxes_velo
     assert boxes[:, 0].min() == 0
     assert boxes[:, 0].max() == 8
 
@@ -45,9 +47,9 @@ def test_the_codes_grid_runs_from_border_to_border() -> None:
 def test_matching_by_hand() -> None:
     """A car on an anchor: shifted by d along its length the overlap is (3.9 - d) / (3.9 + d)."""
     matcher = Anchors(**PLAIN | {"positive": 0.62})  # one row aside the overlap is 0.6
-    anchors = matcher.boxes_velo()
+    anchors = matcher.boxes_velo
     car = anchors[anchors[:, 6] == 0][210:211]
-    chosen, owner, negative = matcher.assign(anchors, car)
+    chosen, owner, negative = matcher.assign(car)
     assert set(owner) == {0}
     beside = np.abs(anchors[:, 1] - car[0, 1]) < 0.01
     along = np.abs(anchors[:, 0] - car[0, 0])
@@ -62,29 +64,48 @@ def test_matching_by_hand() -> None:
 
 def test_a_car_too_far_from_every_anchor_gets_its_best() -> None:
     matcher = Anchors(**PLAIN)
-    anchors = matcher.boxes_velo()
     car = np.array([[4.0, 0.0, -1.78, 1.5, 1.0, 2.0, 0.0]])  # overlap at most 2 / 6.24
-    chosen, _, negative = matcher.assign(anchors, car)
+    chosen, _, negative = matcher.assign(car)
     assert len(chosen) == 1
     assert not negative[chosen].any()
 
 
 def test_a_frame_without_cars_is_all_negative() -> None:
     matcher = Anchors(**PLAIN)
-    chosen, owner, negative = matcher.assign(matcher.boxes_velo(), np.zeros((0, 7)))
+    chosen, owner, negative = matcher.assign(np.zeros((0, 7)))
     assert len(chosen) == len(owner) == 0
     assert negative.all()
 
 
 def test_the_codes_extra_metre_widens_the_match() -> None:
     plain, wide = Anchors(**PLAIN), Anchors(**PLAIN | {"iou_plus_one": True})
-    anchors = plain.boxes_velo()
+    anchors = plain.boxes_velo
     car = anchors[400:401] + np.array([0.1, 0.1, 0, 0, 0, 0, 0])
-    assert len(wide.assign(anchors, car)[0]) > len(plain.assign(anchors, car)[0])
+    assert len(wide.assign(car)[0]) > len(plain.assign(car)[0])
 
 
-def test_rotated_overlap_is_an_option_and_misspellings_are_named() -> None:
-    assert Anchors(**PLAIN | {"iou": "rotated"}).overlaps(np.zeros((1, 7)), np.zeros((1, 7))).shape == (1, 1)
+@pytest.mark.parametrize("change", [{}, {"iou_plus_one": True}, {"iou": "rotated"}])
+def test_matching_is_what_all_pairs_say(change: dict[str, object]) -> None:
+    matcher, rng = Anchors(**PLAIN | change), np.random.default_rng(0)
+    anchors = rectangles_velo(matcher.boxes_velo)
+    grow = np.array([0, 0, 1, 1]) if "iou_plus_one" in change else np.zeros(4)
+    for count in (1, 3, 8):
+        low, high = [-1.0, -5, -1.8, 1.4, 1.4, 3.0, -2], [9.0, 5, -1.6, 1.7, 1.9, 5.0, 2]
+        cars = rng.uniform(low, high, size=(count, 7))
+        cars[0] = matcher.boxes_velo[0] + 0.0  # exactly on an anchor
+        b = rectangles_velo(cars)
+        overlap = bev_iou(anchors, b) if "iou" in change else image_iou(standup(anchors) + grow, standup(b) + grow)
+        positive = overlap.max(axis=1) > 0.6
+        positive[overlap.argmax(axis=0)[overlap.max(axis=0) > 0]] = True
+        chosen, owner, negative = matcher.assign(cars)
+        np.testing.assert_array_equal(chosen, np.flatnonzero(positive))
+        np.testing.assert_array_equal(negative, ~positive & (overlap.max(axis=1) < 0.45))
+        best = set(overlap.argmax(axis=0))
+        usual = ~np.isin(chosen, list(best))
+        np.testing.assert_array_equal(owner[usual], overlap[chosen[usual]].argmax(axis=1))
+
+
+def test_misspellings_are_named() -> None:
     with pytest.raises(ConfigError, match=r"detector\.anchors\.grid.*centers, linspace"):
         Anchors(**PLAIN | {"grid": "center"})
 
