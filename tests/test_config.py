@@ -70,7 +70,7 @@ def test_every_sweep_says_what_it_asks_and_which_command_runs_it() -> None:
         ("loss.gama=2", r"no key 'gama' in 'loss'. Did you mean 'gamma'\? Possible: .*alpha.*beta"),
         ("detector=voxlnet", r"no such file in conf/detector. Did you mean 'voxelnet'\?"),
         ("los.gamma=2", r"no key or group 'los'. Did you mean 'loss'\?"),
-        ("profile=slow", "Possible: paper, quick, tiny"),
+        ("profile=slow", "Possible: paper, quick, standard, tiny"),
         ("schedule.stages.focall.epochs=3", r"no key 'focall' in 'schedule.stages'. Did you mean 'focal'\?"),
         ("loss.gamma=[", "'loss.gamma=\\[' is not KEY=VALUE"),
     ],

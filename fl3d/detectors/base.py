@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from fl3d.data.kitti import Frame
+from fl3d.errors import ConfigError
 
 Sample = dict[str, NDArray[np.generic]]
 Batch = dict[str, Any]  # tensors, and what else moves between devices by ``to``
@@ -39,11 +40,13 @@ class Detector(nn.Module, ABC):
         VERSION: raised when the same config would train to another network; part of a stage's identity.
         NAME: as the papers write it.
         STAGES: the stages it can be trained in; a schedule names some of them, in this order.
+        DENSE: its submodules of unchanging shapes where ``compute`` is ``dense``; what ``compile`` compiles.
     """
 
     VERSION: ClassVar[int] = 1
     NAME: ClassVar[str]
     STAGES: ClassVar[tuple[str, ...]]
+    DENSE: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
@@ -66,6 +69,17 @@ class Detector(nn.Module, ABC):
     @abstractmethod
     def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
         """Boxes of each frame of a batch: the best ``max_boxes`` above ``min_score``, not yet suppressed."""
+
+    def compile_dense(self) -> None:
+        """Let torch compile what is dense; parameters and their names stay.
+
+        Raises:
+            ConfigError: there is nothing to compile, or it is computed sparse.
+        """
+        if not self.DENSE or getattr(self, "compute", None) != "dense":
+            raise ConfigError(f"compile: {self.NAME} has no dense layers to compile; try detector.compute=dense")
+        for name in self.DENSE:
+            self.get_submodule(name).compile()
 
     @abstractmethod
     def example(self) -> Batch:

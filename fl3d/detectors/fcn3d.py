@@ -62,6 +62,7 @@ class FCN3D(Detector):
 
     NAME = "3D-FCN"
     STAGES = ("warmup", "focal", "scratch")
+    DENSE = ("body", "obj", "cor")
 
     def __init__(
         self,
@@ -151,12 +152,13 @@ class FCN3D(Detector):
     def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Objectness logits (B, Z, Y, X) and corner offsets (B, Z, Y, X, 24)."""
         occupied = batch["occupied"]
-        ones = torch.ones(len(occupied), 1, device=occupied.device, dtype=self.obj.weight.dtype)
+        dtype = self.obj.weight.dtype  # of the weights: what multiplies in bfloat16 gives that
+        ones = torch.ones(len(occupied), 1, device=occupied.device, dtype=dtype)
         if "layout" in batch:
             features = self.body(BackgroundMap.from_voxels(ones, batch["layout"]))
         else:
             features = self.body(scatter_dense(ones, occupied, (int(batch["size"]), *self.grid.shape)))
-        return dense(self.obj(features))[:, 0], dense(self.cor(features)).movedim(1, -1)
+        return dense(self.obj(features))[:, 0].to(dtype), dense(self.cor(features)).movedim(1, -1).to(dtype)
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
         """Eq. 7-11: every cell without an object's centre is a negative."""

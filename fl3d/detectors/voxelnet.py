@@ -30,6 +30,7 @@ from fl3d.detectors.blocks import (
 from fl3d.geometry.boxes import fold, wrap
 from fl3d.losses import DetectionLoss
 from fl3d.sparse.background import BackgroundMap, dense_bev
+from fl3d.sparse.functions import unlowered
 from fl3d.sparse.layers import BatchNorm2d, BatchNorm3d, Conv2d, Conv3d, ConvTranspose2d, Map, lay_out
 from fl3d.sparse.layout import Layout
 from fl3d.sparse.rulebook import voxel_layout
@@ -167,8 +168,10 @@ class VoxelNet(Detector):
         compute: ``sparse``, up to where maps are crowded, or ``dense``: the same function, and the same weights.
     """
 
+    VERSION = 2
     NAME = "VoxelNet"
     STAGES = ("warmup", "focal", "scratch")
+    DENSE = ("middle", "rpn")
 
     def __init__(
         self,
@@ -257,14 +260,16 @@ class VoxelNet(Detector):
 
     def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Logits (B, A) and residuals (B, A, 7) of all anchors."""
-        rows = batch["rows"].to(self.rpn.prob.weight.dtype)
-        voxels = self.feature_net(rows, batch["lengths"], batch.get("mask"))
+        dtype = self.rpn.prob.weight.dtype  # of the weights: what multiplies in bfloat16 gives that
+        rows = batch["rows"].to(dtype)
+        with unlowered(rows):  # bfloat16 knows a place at 70 m to half a metre
+            voxels = self.feature_net(rows, batch["lengths"], batch.get("mask"))
         if "layout" in batch:
             features = self.middle(BackgroundMap.from_voxels(voxels, batch["layout"]))
         else:
             features = self.middle(scatter_dense(voxels, batch["cells"], (int(batch["size"]), *self.grid.shape)))
         logits, residuals = self.rpn(features.flatten(1, 2) if isinstance(features, Tensor) else features)
-        return logits, residuals
+        return logits.to(dtype), residuals.to(dtype)
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
         """Eq. 7-11 over matched anchors; those between the two overlaps count for nothing."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -10,19 +12,30 @@ from torch import Tensor
 from fl3d.sparse.layout import Rulebook
 
 
+def unlowered(x: Tensor) -> AbstractContextManager[None]:
+    """A context in which nothing on the device of ``x`` is lowered by autocast."""
+    return nullcontext() if x.is_meta else torch.autocast(x.device.type, enabled=False)
+
+
 class TapConvolution(torch.autograd.Function):
-    """Tap by tap: gather rows, multiply, add. Within a tap no row comes twice, so the order of sums is fixed."""
+    """Tap by tap: gather rows, multiply, add. Within a tap no row comes twice, so the order of sums is fixed.
+
+    Under autocast the products are of its type; they are added in the type of the rows.
+    """
 
     @staticmethod
     def forward(ctx, rows: Tensor, weight: Tensor, below: Tensor, rules: Rulebook) -> Tensor:  # type: ignore[no-untyped-def]
         """(N, C), (taps, C, C') and the output's background (N', C') -> (N', C')."""
+        ctx.rules, ctx.dtypes, device = rules, (rows.dtype, weight.dtype), rows.device.type
+        if torch.is_autocast_enabled(device):
+            low = torch.get_autocast_dtype(device)
+            rows, weight = rows.to(low), weight.to(low)
         ctx.save_for_backward(rows, weight)
-        ctx.rules = rules
         out = below.clone()
-        for tap, (start, end) in enumerate(zip(rules.offsets[:-1], rules.offsets[1:], strict=True)):
+        for tap, (start, end) in enumerate(pairwise(rules.offsets)):
             if end > start:
                 taken = rows.index_select(0, rules.rows_in[start:end])
-                out.index_add_(0, rules.rows_out[start:end], taken @ weight[tap])
+                out.index_add_(0, rules.rows_out[start:end], (taken @ weight[tap]).to(out.dtype))
         return out
 
     @staticmethod
@@ -30,13 +43,16 @@ class TapConvolution(torch.autograd.Function):
         """(N', C') -> gradients of the three."""
         rows, weight = ctx.saved_tensors
         rules: Rulebook = ctx.rules
-        to_rows, to_weight = torch.zeros_like(rows), torch.zeros_like(weight)
-        for tap, (start, end) in enumerate(zip(rules.offsets[:-1], rules.offsets[1:], strict=True)):
+        to_rows, to_weight = (
+            torch.zeros_like(t, dtype=dtype) for t, dtype in zip((rows, weight), ctx.dtypes, strict=True)
+        )
+        low = grad.to(rows.dtype)
+        for tap, (start, end) in enumerate(pairwise(rules.offsets)):
             if end > start:
                 source, target = rules.rows_in[start:end], rules.rows_out[start:end]
-                own = grad.index_select(0, target)
+                own = low.index_select(0, target)
                 to_weight[tap] = rows.index_select(0, source).t() @ own
-                to_rows.index_add_(0, source, own @ weight[tap].t())
+                to_rows.index_add_(0, source, (own @ weight[tap].t()).to(to_rows.dtype))
         return to_rows, to_weight, grad, None
 
 

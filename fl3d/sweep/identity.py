@@ -23,6 +23,8 @@ RESULT = (
     "data.calibration",
     "detections.*",
     "seed",
+    "precision",
+    "compile",
 )
 # Keys that cannot. The frames themselves enter through the data's digest; scores carry their protocol's identity.
 BOOKKEEPING = (

@@ -17,6 +17,7 @@ from fl3d.sweep.identity import result_config
 from fl3d.sweep.plan import DataInfo, Plan, make_plan
 from fl3d.sweep.sweepers.base import Point
 from fl3d.training.build import build_detector, build_optimizer
+from fl3d.training.precision import check_precision
 from fl3d.training.trainer import VERSION as TRAINER_VERSION
 
 # Config sections that all trials of a sweep share: one dataset, one protocol, one store.
@@ -73,8 +74,12 @@ class Planner:
                 raise ConfigError(f"{key}: all trials of a sweep must share it; run one sweep for each value")
         target = point.config["detector"]["_target_"]
         self.detectors.setdefault(target, locate(target, "detector._target_"))
+        check_precision(point.config["precision"], point.config["device"])
         with torch.device("meta"):
-            build_optimizer(point.config, build_detector(point.config))
+            detector = build_detector(point.config)
+            build_optimizer(point.config, detector)
+        if point.config["compile"]:
+            detector.compile_dense()
 
     def _check_tables(self, points: Sequence[Point]) -> None:
         tables = self.base["sweep"]["tables"]

@@ -9,9 +9,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from fl3d.training.precision import set_precision
 
-def prepare(seed: int, device: str) -> None:
+
+def prepare(seed: int, device: str, precision: str = "float32") -> None:
     """Seed torch and ask it for deterministic algorithms; one thread a process on the CPU."""
+    set_precision(precision)
     if device == "cpu":
         torch.set_num_threads(1)
     else:

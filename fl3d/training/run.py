@@ -26,6 +26,7 @@ from fl3d.training.reproducibility import prepare
 from fl3d.training.trainer import Averages, Trainer, detect_frames
 
 PROGRESS_SECONDS = 1.0
+CUDA_WORKERS = 4  # loader processes of a stage on a GPU, unless told; a CPU has none to spare
 
 
 def write_spec(paths: StagePaths, stage: Stage, machine: Config) -> None:
@@ -72,7 +73,7 @@ class _Run:
         self.paths, self.stage, self.machine = paths, Stage(**spec["stage"]), spec["machine"]
         config = self.stage.config
         self.device: str = self.machine["device"]
-        prepare(config["seed"], self.device)
+        prepare(config["seed"], self.device, config["precision"])
         folder = KittiFolder(Path(self.machine["data_root"]), config["data"]["crop"], config["data"]["calibration"])
         cache: int = self.machine["cache_frames"]
         self.train = Frames(folder, self.machine["train_ids"], cache)
@@ -81,10 +82,13 @@ class _Run:
         self.protocol = build_protocol(self.machine["protocol"])
         self.schedule = build_schedule(config, self.machine)
         self.detector = build_detector(config).to(self.device)
+        if config["compile"]:
+            self.detector.compile_dense()
         optimizer = build_optimizer(config, self.detector)
-        self.trainer = Trainer(
-            self.stage, self.detector, optimizer, self.schedule, self.train, self.device, self.machine["workers"]
-        )
+        workers = self.machine["workers"]
+        if workers is None:
+            workers = 0 if self.device == "cpu" else CUDA_WORKERS
+        self.trainer = Trainer(self.stage, self.detector, optimizer, self.schedule, self.train, self.device, workers)
         self.timer = _Timer()
         self._shown = 0.0
         self._saved = -1  # step of the last whole checkpoint
@@ -159,12 +163,15 @@ class _Run:
                 limits["max_boxes"],
                 limits["min_score"],
                 self.device,
+                self.stage.config["precision"],
+                self.schedule.batch_size,
                 after_batch=lambda: self._show(force=True),
             )
             write_detections(self.paths.detections(step), found)
         with self.timer.measure("scoring"):
             write_scores(self.paths, step, self.validation, self.protocol)
-        seconds = self.timer.take()
+        seconds = self.timer.take() | {"waiting": round(self.trainer.waited, 3)}
+        self.trainer.waited = 0.0
         found_sha256 = file_digest(self.paths.detections(step))
         made = self.machine.get("provenance", {})
         self.lease.check()
@@ -203,12 +210,14 @@ def detect_again(paths: StagePaths, step: int) -> Detections:
     """
     spec = json.loads(paths.spec.read_text())
     stage, machine = Stage(**spec["stage"]), spec["machine"]
-    prepare(stage.config["seed"], machine["device"])
+    device, precision = machine["device"], stage.config["precision"]
+    prepare(stage.config["seed"], device, precision)
     data, limits = stage.config["data"], stage.config["detections"]
     frames = Frames(KittiFolder(Path(machine["data_root"]), data["crop"], data["calibration"]), machine["val_ids"], 0)
-    detector = build_detector(stage.config).to(machine["device"])
+    detector = build_detector(stage.config).to(device)
     detector.load_state_dict(load_state(paths.weights(step))["model"])
-    return detect_frames(detector, frames, limits["max_boxes"], limits["min_score"], machine["device"])
+    size = stage.config["schedule"]["batch_size"]  # rounding differs with it
+    return detect_frames(detector, frames, limits["max_boxes"], limits["min_score"], device, precision, size)
 
 
 def write_scores(paths: StagePaths, step: int, validation: Validation, protocol: Protocol) -> None:

@@ -18,6 +18,7 @@ from fl3d.errors import CheckpointError, TrainingError
 from fl3d.evaluation.detections import Detections
 from fl3d.records import Stage
 from fl3d.training.checkpoints import State
+from fl3d.training.precision import multiplying
 from fl3d.training.reproducibility import random_state, sample_generator, set_random_state
 
 VERSION = 1  # raised whenever the same stage would train to other bits
@@ -50,18 +51,18 @@ class Schedule:
         return self.frames_per_epoch or n_frames
 
 
-class _Epoch(Dataset[Sample]):
-    """The samples of one epoch, in its order."""
+Draw = tuple[int, int, int]  # of a sample: epoch, position in it, frame
 
-    def __init__(self, detector: Detector, frames: Frames, order: np.ndarray, seed: int, epoch: int) -> None:
-        self.detector, self.frames, self.order, self.seed, self.epoch = detector, frames, order, seed, epoch
 
-    def __len__(self) -> int:
-        return len(self.order)
+class _Samples(Dataset[Sample]):
+    """Encoded frames, by epoch, position in it and frame; randomness comes from the first two."""
 
-    def __getitem__(self, position: int) -> Sample:
-        rng = sample_generator(self.seed, self.epoch, position)
-        return self.detector.encode(self.frames[int(self.order[position])], rng, training=True)
+    def __init__(self, detector: Detector, frames: Frames, seed: int) -> None:
+        self.detector, self.frames, self.seed = detector, frames, seed
+
+    def __getitem__(self, draw: Draw) -> Sample:
+        epoch, position, frame = draw
+        return self.detector.encode(self.frames[frame], sample_generator(self.seed, epoch, position), training=True)
 
 
 @dataclass
@@ -108,9 +109,12 @@ class Trainer:
         self.stage, self.detector, self.optimizer, self.schedule = stage, detector, optimizer, schedule
         self.frames, self.device, self.workers = frames, device, workers
         self.seed: int = stage.config["seed"]
+        self.precision: str = stage.config["precision"]
         self.base_lr: float = optimizer.param_groups[0]["lr"] * schedule.lr_factor
         self.step = stage.start_step
         self.averages = Averages()
+        self.waited = 0.0  # seconds that steps waited for their batch
+        self._stream: Iterator[Batch] | None = None
 
     def state(self) -> State:
         """Everything that training depends on from here."""
@@ -139,6 +143,7 @@ class Trainer:
         set_random_state(state["random"], self.device)
         self.step = state["step"]
         self.averages = Averages(**state["averages"])
+        self._stream = None
 
     def lr(self) -> float:
         """Learning rate of the next step."""
@@ -157,29 +162,39 @@ class Trainer:
     def train_epoch(self, after_step: Callable[[], None]) -> None:
         """Train to the end of the current epoch, from wherever in it the state stands."""
         self.detector.train()
-        for batch in self._batches():
+        self._stream = self._stream or iter(self._loader())
+        for _ in range(self.stage.epoch_steps - self._place()[1]):
+            started = time.perf_counter()
+            batch = to_device(next(self._stream), self.device)
+            self.waited += time.perf_counter() - started
             self._step(batch)
             after_step()
 
-    def _batches(self) -> Iterator[Batch]:
-        epoch, done = self.epoch, self._place()[1]
-        n_frames, size = self.schedule.epoch_frames(len(self.frames)), self.schedule.batch_size
-        order = epoch_order(len(self.frames), math.ceil(n_frames / len(self.frames)), self.seed, epoch)[:n_frames]
-        batches = [list(range(i, min(i + size, n_frames))) for i in range(done * size, n_frames, size)]
-        loader = DataLoader(
-            _Epoch(self.detector, self.frames, order, self.seed, epoch),
-            batch_sampler=batches,
+    def _loader(self) -> DataLoader[Sample]:
+        """Batches from here to the end of the stage: its processes live as long, and work ahead."""
+        return DataLoader(
+            _Samples(self.detector, self.frames, self.seed),
+            batch_sampler=list(self._draws()),
             collate_fn=self.detector.collate,
             num_workers=self.workers,
             generator=torch.Generator(),  # its own, so that making a loader does not advance the global one
         )
-        for batch in loader:
-            yield to_device(batch, self.device)
+
+    def _draws(self) -> Iterator[list[Draw]]:
+        n_frames, size = self.schedule.epoch_frames(len(self.frames)), self.schedule.batch_size
+        passes = math.ceil(n_frames / len(self.frames))
+        skip = self._place()[1]
+        for epoch in range(self.epoch, self.stage.start_epoch + self.stage.epochs):
+            order = epoch_order(len(self.frames), passes, self.seed, epoch)[:n_frames]
+            draws = [(epoch, position, int(frame)) for position, frame in enumerate(order)]
+            yield from (draws[i : i + size] for i in range(skip * size, n_frames, size))
+            skip = 0
 
     def _step(self, batch: Batch) -> None:
         for group in self.optimizer.param_groups:
             group["lr"] = self.lr()
-        terms = self.detector.loss(batch)
+        with multiplying(self.precision, self.device):
+            terms = self.detector.loss(batch)
         total = torch.stack(list(terms.values())).sum()
         if not torch.isfinite(total):
             values = {name: float(value.detach()) for name, value in terms.items()}
@@ -204,7 +219,8 @@ def detect_frames(
     max_boxes: int,
     min_score: float,
     device: str = "cpu",
-    batch_size: int = 4,
+    precision: str = "float32",
+    batch_size: int = 1,
     after_batch: Callable[[], None] = lambda: None,
 ) -> Detections:
     """Run a detector over frames in evaluation mode; the random states of training are not touched.
@@ -215,6 +231,7 @@ def detect_frames(
         max_boxes: stored per frame.
         min_score: stored above.
         device: of the network.
+        precision: see ``precision.PRECISIONS``.
         batch_size: frames at once.
         after_batch: called after each batch, to show progress.
     """
@@ -224,7 +241,8 @@ def detect_frames(
     for start in range(0, len(frames), batch_size):
         indices = range(start, min(start + batch_size, len(frames)))
         samples = [detector.encode(frames[i], np.random.default_rng([0, i]), training=False) for i in indices]
-        found += detector.detect(to_device(detector.collate(samples), device), max_boxes, min_score)
+        with multiplying(precision, device):
+            found += detector.detect(to_device(detector.collate(samples), device), max_boxes, min_score)
         if time.monotonic() - started > 1:
             started = time.monotonic()
             after_batch()

@@ -125,7 +125,7 @@ def test_counts_below_one_are_refused(change: str) -> None:
 
 
 @pytest.mark.parametrize("schedule", ["two_phase", "from_scratch"])
-@pytest.mark.parametrize("profile", ["paper", "quick", "tiny"])
+@pytest.mark.parametrize("profile", ["paper", "quick", "standard", "tiny"])
 def test_every_schedule_plans_under_every_profile(schedule: str, profile: str) -> None:
     plan = plan_of(compose_config([f"schedule={schedule}", f"profile={profile}"]))
     assert plan.epochs > 0
@@ -162,7 +162,9 @@ def test_every_key_is_either_a_result_or_bookkeeping(overrides: list[str]) -> No
 def test_result_config_keeps_values_and_nesting() -> None:
     kept = result_config(config("loss.gamma=2"))
     assert kept["loss"]["gamma"] == 2
-    assert set(kept) == {"seed", "detections", "data", "schedule", "detector", "loss", "optimizer"}
+    assert set(kept) == {
+        *["seed", "precision", "compile", "detections", "data", "schedule", "detector", "loss", "optimizer"]
+    }
     assert set(kept["data"]) == {"crop", "calibration"}
 
 

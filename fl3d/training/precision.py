@@ -1,0 +1,33 @@
+"""How a device multiplies: in IEEE single precision, in TF32 or in bfloat16. Weights and sums stay single."""
+
+from __future__ import annotations
+
+import torch
+
+from fl3d.errors import ConfigError, options
+
+PRECISIONS = ("float32", "tf32", "bf16")
+
+
+def check_precision(precision: str, device: str) -> None:
+    """Refuse a precision that does not exist, or not on this device.
+
+    Raises:
+        ConfigError: naming the key and what there is.
+    """
+    if precision not in PRECISIONS:
+        raise ConfigError(f"precision: no choice '{precision}'. {options(precision, PRECISIONS)}")
+    if precision == "tf32" and device == "cpu":
+        raise ConfigError("precision: tf32 is a mode of CUDA devices; with device=cpu there are float32 and bf16")
+
+
+def set_precision(precision: str) -> None:
+    """Let CUDA's products of single-precision numbers be what was asked for; torch's own default is TF32 in cuDNN."""
+    mode = "tf32" if precision == "tf32" else "ieee"
+    torch.backends.cuda.matmul.fp32_precision = mode
+    torch.backends.cudnn.conv.fp32_precision = mode  # type: ignore[attr-defined]
+
+
+def multiplying(precision: str, device: str) -> torch.autocast:
+    """A context in which convolutions and matrix products are of this precision."""
+    return torch.autocast(torch.device(device).type, dtype=torch.bfloat16, enabled=precision == "bf16")

@@ -1,0 +1,94 @@
+"""How a device multiplies: choices, refusals, what stays single; what was asked for reaches the products."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from fl3d.config import compose_config
+from fl3d.data.kitti import KittiFolder
+from fl3d.detectors.base import Batch, Detector
+from fl3d.errors import ConfigError
+from fl3d.sparse import layers
+from fl3d.training.build import build_detector
+from fl3d.training.precision import check_precision, multiplying, set_precision
+
+NAMES = ("fcn3d", "voxelnet")
+
+
+def build(name: str, *overrides: str) -> Detector:
+    torch.manual_seed(0)
+    return build_detector(compose_config([f"detector={name}", "profile=quick", *overrides])).train()
+
+
+def batch_of(detector: Detector, simulated: Path) -> Batch:
+    folder = KittiFolder(simulated)
+    frames = [folder.frame(i) for i in folder.split("train")[:2]]
+    return detector.collate([detector.encode(f, np.random.default_rng(0), training=True) for f in frames])
+
+
+@pytest.mark.parametrize(
+    ("precision", "device", "message"),
+    [("fp16", "cuda", "precision: no choice 'fp16'.*bf16"), ("tf32", "cpu", "precision: tf32 is a mode of CUDA")],
+)
+def test_what_does_not_exist_is_refused(precision: str, device: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        check_precision(precision, device)
+
+
+def test_single_precision_is_not_tf32_unless_asked_for() -> None:
+    """torch's own convolutions on CUDA are."""
+    for precision, mode in (("tf32", "tf32"), ("bf16", "ieee"), ("float32", "ieee")):
+        set_precision(precision)
+        assert torch.backends.cuda.matmul.fp32_precision == mode
+        assert torch.backends.cudnn.conv.fp32_precision == mode  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("crowded", [0.6, float("inf")])
+@pytest.mark.parametrize("name", NAMES)
+def test_bf16_multiplies_low_and_keeps_the_rest_single(
+    name: str, crowded: float, simulated: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(layers, "CROWDED", crowded)  # inf: nothing goes on dense
+    totals, gradients = [], []
+    for precision in ("float32", "bf16"):
+        detector = build(name)
+        batch = batch_of(detector, simulated)
+        with multiplying(precision, "cpu"):
+            terms = detector.loss(batch)
+        assert all(value.dtype == torch.float32 for value in terms.values())
+        total = torch.stack(list(terms.values())).sum()
+        total.backward()  # type: ignore[no-untyped-call]
+        assert all(p.dtype == torch.float32 and p.grad is not None for p in detector.parameters())
+        totals.append(float(total.detach()))
+        gradients.append(torch.cat([p.grad.flatten() for p in detector.parameters() if p.grad is not None]))
+    assert totals[0] != totals[1]
+    assert totals[1] == pytest.approx(totals[0], rel=0.05)
+    # Deep networks of random weights: many ReLUs are near their corner, whose flips turn the gradient.
+    assert torch.cosine_similarity(*gradients, dim=0) > 0.6
+
+
+def test_features_of_points_are_not_lowered(simulated: Path) -> None:
+    """Coordinates of 40 m lie a quarter of a metre apart in bfloat16."""
+    detector = build("voxelnet")
+    batch, seen = batch_of(detector, simulated), []
+    net = detector.get_submodule("feature_net")
+    net.register_forward_hook(lambda module, inputs, output: seen.append((inputs[0], output)))
+    detector.loss(batch)
+    with multiplying("bf16", "cpu"):
+        detector.loss(batch)
+    (_, single), (_, low) = seen
+    torch.testing.assert_close(low, single)
+
+
+def test_compiling_needs_what_is_dense() -> None:
+    with pytest.raises(ConfigError, match=r"compile: VoxelNet.*detector\.compute=dense"):
+        build("voxelnet").compile_dense()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_would_be_compiled_exists_and_keeps_its_names(name: str) -> None:
+    plain, compiled = build(name, "detector.compute=dense"), build(name, "detector.compute=dense")
+    compiled.compile_dense()  # lazily: at the first batch
+    assert list(plain.state_dict()) == list(compiled.state_dict())
