@@ -30,6 +30,7 @@ from fl3d.detectors.blocks import (
 from fl3d.geometry.boxes import boxes_from_corners, corners_velo, fold
 from fl3d.losses import DetectionLoss
 from fl3d.sparse.background import BackgroundMap, dense
+from fl3d.sparse.functions import unlowered
 from fl3d.sparse.layers import BatchNorm3d, Conv3d, lay_out
 from fl3d.sparse.rulebook import voxel_layout
 
@@ -152,13 +153,14 @@ class FCN3D(Detector):
     def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Objectness logits (B, Z, Y, X) and corner offsets (B, Z, Y, X, 24)."""
         occupied = batch["occupied"]
-        dtype = self.obj.weight.dtype  # of the weights: what multiplies in bfloat16 gives that
-        ones = torch.ones(len(occupied), 1, device=occupied.device, dtype=dtype)
+        ones = torch.ones(len(occupied), 1, device=occupied.device, dtype=self.obj.weight.dtype)
         if "layout" in batch:
             features = self.body(BackgroundMap.from_voxels(ones, batch["layout"]))
         else:
             features = self.body(scatter_dense(ones, occupied, (int(batch["size"]), *self.grid.shape)))
-        return dense(self.obj(features))[:, 0].to(dtype), dense(self.cor(features)).movedim(1, -1).to(dtype)
+        features = features.to(ones.dtype)
+        with unlowered(ones):  # scores of three digits would tie
+            return dense(self.obj(features))[:, 0], dense(self.cor(features)).movedim(1, -1)
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
         """Eq. 7-11: every cell without an object's centre is a negative."""

@@ -140,9 +140,10 @@ class RPN(nn.Module):
         for block, deconv in zip(self.blocks, self.deconvs, strict=True):
             bev = block(bev)
             raised.append(dense_bev(deconv(bev)))
-        features = torch.cat(raised[::-1], dim=1)
-        logits = self.prob(features).movedim(1, -1).flatten(1)
-        residuals = self.reg(features).movedim(1, -1).reshape(len(features), -1, 7)
+        features = torch.cat(raised[::-1], dim=1).to(self.prob.weight.dtype)
+        with unlowered(features):  # scores of three digits would tie
+            logits = self.prob(features).movedim(1, -1).flatten(1)
+            residuals = self.reg(features).movedim(1, -1).reshape(len(features), -1, 7)
         return logits, residuals
 
 
@@ -260,8 +261,7 @@ class VoxelNet(Detector):
 
     def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Logits (B, A) and residuals (B, A, 7) of all anchors."""
-        dtype = self.rpn.prob.weight.dtype  # of the weights: what multiplies in bfloat16 gives that
-        rows = batch["rows"].to(dtype)
+        rows = batch["rows"].to(self.rpn.prob.weight.dtype)
         with unlowered(rows):  # bfloat16 knows a place at 70 m to half a metre
             voxels = self.feature_net(rows, batch["lengths"], batch.get("mask"))
         if "layout" in batch:
@@ -269,7 +269,7 @@ class VoxelNet(Detector):
         else:
             features = self.middle(scatter_dense(voxels, batch["cells"], (int(batch["size"]), *self.grid.shape)))
         logits, residuals = self.rpn(features.flatten(1, 2) if isinstance(features, Tensor) else features)
-        return logits.to(dtype), residuals.to(dtype)
+        return logits, residuals
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
         """Eq. 7-11 over matched anchors; those between the two overlaps count for nothing."""

@@ -42,6 +42,10 @@ class BackgroundMap:
         """
         return cls(values.new_zeros(1, values.shape[1]), values, layout)
 
+    def to(self, dtype: torch.dtype) -> BackgroundMap:
+        """The same in another type of numbers."""
+        return BackgroundMap(self.canvas.to(dtype), self.rows.to(dtype), self.layout)
+
     def dense(self) -> Tensor:
         """The whole map: (B, C, Z, Y, X), contiguous."""
         filled: Tensor = _Dense.apply(self.canvas, self.rows, self.layout)  # type: ignore[no-untyped-call]

@@ -82,11 +82,22 @@ def test_features_of_points_are_not_lowered(simulated: Path) -> None:
     torch.testing.assert_close(low, single)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_scores_are_not_lowered(name: str, simulated: Path) -> None:
+    """In bfloat16 a thousand cells would share a score."""
+    detector = build(name).eval()
+    with torch.no_grad(), multiplying("bf16", "cpu"):
+        logits, _ = detector(batch_of(detector, simulated))
+    assert logits.dtype == torch.float32
+    assert (logits != logits.bfloat16()).float().mean() > 0.9
+
+
 def test_compiling_needs_what_is_dense() -> None:
     with pytest.raises(ConfigError, match=r"compile: VoxelNet.*detector\.compute=dense"):
         build("voxelnet").compile_dense()
 
 
+@pytest.mark.filterwarnings("ignore:`torch.jit:DeprecationWarning")  # torch's own, as it loads its compiler
 @pytest.mark.parametrize("name", NAMES)
 def test_what_would_be_compiled_exists_and_keeps_its_names(name: str) -> None:
     plain, compiled = build(name, "detector.compute=dense"), build(name, "detector.compute=dense")

@@ -1,0 +1,284 @@
+"""What a GPU makes of the paper's networks: time of a step, how much of the card that uses, how stages share it.
+
+    python benchmarks/gpu.py [--device cuda] [--size paper] [--minutes 8]      (benchmarks/gpu.sh finds a Python first)
+
+Frames are simulated, in batches of one, as the paper trains. First each way to compute (sparse or dense, precision,
+compiled) runs a training step over batches that lie on the card; its model FLOP utilisation counts the dense network's
+products against the peak of the card's matrix units at that precision (known for the cards below, else left out). Then
+the fastest way runs in the trainer, fed by loader processes, as one stage and as several at once on the card, and
+packed: several networks in one process on the same batches. Last, the time of the paper's whole gamma sweep at the best
+rate: 2 detectors, 30 + 7 x 30 epochs of 3712 steps, and 3769 frames looked at after each.
+
+Each measurement has a process of its own. The last line is one JSON object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from fl3d.config import compose_config
+from fl3d.data.dataset import Frames
+from fl3d.data.kitti import KittiFolder
+from fl3d.data.simulator.generate import Settings, write_folder
+from fl3d.detectors.flops import layer_flops
+from fl3d.records import Stage
+from fl3d.sweep.identity import result_config
+from fl3d.training.build import build_detector, build_optimizer, build_schedule
+from fl3d.training.precision import multiplying
+from fl3d.training.reproducibility import prepare
+from fl3d.training.trainer import Trainer, to_device
+
+NETWORKS = ("voxelnet", "fcn3d")
+# compute, precision, compiled; the first is what a sweep does unless told otherwise
+WAYS = [("sparse", "float32", False), ("sparse", "bf16", False), ("dense", "float32", False)]
+WAYS += [("dense", "tf32", False), ("dense", "bf16", False), ("dense", "bf16", True)]
+PEAKS = {  # TFLOP/s of dense products as the makers give them: float32, tf32, bf16
+    "H100": (67, 494, 989),
+    "H200": (67, 494, 989),
+    "A100": (19.5, 156, 312),
+}
+AT_ONCE = (1, 2, 4)
+PACKED = 4
+EPOCHS, TRAIN, VAL = 30 + 7 * 30, 3712, 3769  # of one detector in the paper's sweep
+FRAMES = 32
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", default="cuda")
+    parser.add_argument("--size", default="paper", help="profile whose networks are measured")
+    parser.add_argument("--minutes", type=float, default=8, help="what does not fit is left out, and said")
+    parser.add_argument("--one", nargs=3, metavar=("KIND", "FOLDER", "JSON"), help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.one:
+        kind, folder, values = arguments.one
+        print(json.dumps(KINDS[kind](Path(folder), **json.loads(values))))
+        return
+    started, seconds = time.monotonic(), 60 * arguments.minutes
+    with tempfile.TemporaryDirectory() as folder:
+        write_folder(Path(folder), Settings(train=FRAMES, val=1, seed=0))
+        common = {"device": arguments.device, "size": arguments.size}
+        print(f"{card(arguments.device)}, torch {torch.__version__}, frames of the simulator, profile {arguments.size}")
+        ends = {name: started + seconds * (k + 1) / len(NETWORKS) for k, name in enumerate(NETWORKS)}
+        print(json.dumps({name: report(Path(folder), name, common, end) for name, end in ends.items()}))
+
+
+def report(folder: Path, name: str, common: dict[str, Any], deadline: float) -> dict[str, Any]:
+    """Measure one network, and print its tables."""
+    flops = sum(
+        layer_flops(lambda: build_detector(compose_config([f"detector={name}", f"profile={common['size']}"]))).values()
+    )
+    found: dict[str, Any] = {"ways": {}, "shared": {}}
+    ways = WAYS if common["device"] != "cpu" else [way for way in WAYS if way[1] != "tf32"]
+    for compute, precision, compiled in tqdm(ways, desc=name, unit="way"):
+        one = {"name": name, "compute": compute, "precision": precision, "compiled": compiled}
+        label = f"{compute} {precision}{' compiled' if compiled else ''}"
+        result = alone(folder, "steps", common | one, deadline)
+        if result is not None:
+            found["ways"][label] = result | one
+            tera = 3 * flops / result["step"] / 1e12
+            peak = peak_of(card(common["device"]), precision)
+            share = f"{100 * tera / peak:5.1f} % of {peak:g}" if peak else "  peak unknown"
+            tqdm.write(
+                f"  {name:8s} {label:22s} step {1e3 * result['step']:8.1f} ms, look {1e3 * result['look']:7.1f} ms, "
+                f"{result['gigabytes']:5.1f} GB, {tera:7.1f} dense TFLOP/s, {share}"
+            )
+    if not found["ways"]:
+        return found
+    best = min(found["ways"].values(), key=lambda way: way["step"])
+    one = {key: best[key] for key in ("name", "compute", "precision", "compiled")}
+    for label, rate in shared(folder, common | one, deadline):
+        found["shared"][label] = rate
+        print(
+            f"  {name:8s} {label:22s} {rate['steps_per_second']:8.2f} steps/s, {rate['waiting']:6.1%} of them waiting"
+        )
+    rate = max([1 / best["step"], *(r["steps_per_second"] for r in found["shared"].values())])
+    looks = EPOCHS * VAL * best["look"] * (1 / best["step"]) / rate  # shared like steps are
+    found["sweep_hours"] = round((EPOCHS * TRAIN / rate + looks) / 3600, 2)
+    print(f"  {name:8s} the paper's sweep at that rate: {found['sweep_hours']} h")
+    return found
+
+
+def shared(folder: Path, one: dict[str, Any], deadline: float) -> list[tuple[str, dict[str, float]]]:
+    """Steps in a second of several stages at once on one card, each a process; and packed in one."""
+    found = []
+    for count in AT_ONCE:
+        running = [start(folder, "train", one | {"seconds": 8}) for _ in range(count)]
+        ended = [result for result in (finish(process, deadline) for process in running) if result is not None]
+        if len(ended) == count:
+            rate = sum(result["steps_per_second"] for result in ended)
+            found.append((f"{count} at once", {"steps_per_second": rate, "waiting": ended[0]["waiting"]}))
+    packed = alone(folder, "packed", one | {"count": PACKED}, deadline)
+    return [*found, (f"{PACKED} packed", packed)] if packed is not None else found
+
+
+def start(folder: Path, kind: str, values: dict[str, Any]) -> subprocess.Popen[str]:
+    command = [sys.executable, __file__, "--one", kind, str(folder), json.dumps(values)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def finish(process: subprocess.Popen[str], deadline: float) -> dict[str, Any] | None:
+    """What a process found; None, and a line saying why, where it failed or there was no time left."""
+    try:
+        out, problem = process.communicate(timeout=max(0.1, deadline - time.monotonic()))
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        tqdm.write(f"  left out for lack of time: {' '.join(process.args[4:])}")  # type: ignore[arg-type, index]
+        return None
+    if process.returncode != 0:
+        tqdm.write(f"  failed: {problem.strip().splitlines()[-1]}")
+        return None
+    found: dict[str, Any] = json.loads(out.splitlines()[-1])
+    return found
+
+
+def alone(folder: Path, kind: str, values: dict[str, Any], deadline: float) -> dict[str, Any] | None:
+    """Measure in a process of its own."""
+    return finish(start(folder, kind, values), deadline)
+
+
+def config_of(name: str, compute: str, precision: str, compiled: bool, device: str, size: str) -> dict[str, Any]:
+    """A trial's config."""
+    changes = [f"detector.compute={compute}", f"precision={precision}", f"compile={compiled}", f"device={device}"]
+    return compose_config([f"detector={name}", f"profile={size}", "loss.gamma=2", *changes])
+
+
+def network(config: dict[str, Any]) -> tuple[Any, torch.optim.Optimizer]:
+    """A detector on its device, and its optimiser."""
+    detector = build_detector(config).to(config["device"])
+    if config["compile"]:
+        detector.compile_dense()
+    return detector.train(), build_optimizer(config, detector)
+
+
+def batches_of(detector: Any, folder: Path, device: str, count: int) -> list[Any]:
+    """Batches of one frame, on the device."""
+    kitti = KittiFolder(folder)
+    frames = [kitti.frame(i) for i in kitti.split("train")[:count]]
+    samples = [detector.encode(frame, np.random.default_rng(k), training=True) for k, frame in enumerate(frames)]
+    return [to_device(detector.collate([sample]), device) for sample in samples]
+
+
+def steps(folder: Path, **way: Any) -> dict[str, float]:
+    """Seconds of a training step and of a forward pass in evaluation mode, and peak memory on the card."""
+    config = config_of(**way)
+    prepare(0, config["device"], config["precision"])
+    detector, optimizer = network(config)
+    batches = batches_of(detector, folder, config["device"], 8)
+
+    def step(batch: Any) -> None:
+        with multiplying(config["precision"], config["device"]):
+            terms = detector.loss(batch)
+        optimizer.zero_grad()
+        torch.stack(list(terms.values())).sum().backward()
+        optimizer.step()
+
+    def look(batch: Any) -> None:
+        with torch.no_grad(), multiplying(config["precision"], config["device"]):
+            detector(batch)
+
+    step_seconds = timed(step, batches, config["device"])
+    memory = torch.cuda.max_memory_allocated() / 1e9 if config["device"] != "cpu" else 0.0
+    detector.eval()
+    return {"step": step_seconds, "look": timed(look, batches, config["device"]), "gigabytes": memory}
+
+
+def packed(folder: Path, count: int, **way: Any) -> dict[str, float]:
+    """Several networks in one process, each step on a stream of its own, all on the same batches."""
+    config = config_of(**way)
+    prepare(0, config["device"], config["precision"])
+    pairs = [network(config) for _ in range(count)]
+    batches = batches_of(pairs[0][0], folder, config["device"], 8)
+    streams = [torch.cuda.Stream() if config["device"] != "cpu" else None for _ in pairs]
+
+    def step(batch: Any) -> None:
+        for (detector, optimizer), stream in zip(pairs, streams, strict=True):
+            with torch.cuda.stream(stream), multiplying(config["precision"], config["device"]):
+                terms = detector.loss(batch)
+                optimizer.zero_grad()
+                torch.stack(list(terms.values())).sum().backward()
+                optimizer.step()
+
+    return {"steps_per_second": count / timed(step, batches, config["device"]), "waiting": 0.0}
+
+
+def train(folder: Path, seconds: float, **way: Any) -> dict[str, float]:
+    """Steps in a second of the trainer, its input made by loader processes, and the share of time it waited."""
+    config = config_of(**way)
+    prepare(0, config["device"], config["precision"])
+    detector, optimizer = network(config)
+    schedule = dict(config["schedule"], stage={"lr_factor": 1.0}, batch_size=1, frames_per_epoch=8)
+    schedule = {key: value for key, value in schedule.items() if key not in ("stages", "epochs", "save_every_steps")}
+    stage = Stage("benchmark", "warmup", result_config(config), None, 0, 0, 10_000, 8)
+    kitti = KittiFolder(folder)
+    trainer = Trainer(
+        stage,
+        detector,
+        optimizer,
+        build_schedule(config | {"schedule": schedule}, {"save_every_steps": None}),
+        Frames(kitti, kitti.split("train"), FRAMES),
+        config["device"],
+        0 if config["device"] == "cpu" else 4,
+    )
+    for _ in range(2):  # what is compiled or allocated once
+        trainer.train_epoch(lambda: None)
+    synchronize(config["device"])
+    trainer.waited, before, started = 0.0, trainer.step, time.perf_counter()
+    while time.perf_counter() - started < seconds:
+        trainer.train_epoch(lambda: None)
+    synchronize(config["device"])
+    elapsed = time.perf_counter() - started
+    return {"steps_per_second": (trainer.step - before) / elapsed, "waiting": trainer.waited / elapsed}
+
+
+def timed(run: Callable[[Any], None], batches: list[Any], device: str, seconds: float = 2.5) -> float:
+    """Mean seconds of a call, over the batches again and again."""
+    for batch in batches[:3]:
+        run(batch)
+    synchronize(device)
+    started = time.perf_counter()
+    for count, batch in enumerate(itertools.cycle(batches), start=1):
+        run(batch)
+        if count % len(batches) == 0:
+            synchronize(device)
+            if time.perf_counter() - started > seconds:
+                return (time.perf_counter() - started) / count
+    raise AssertionError
+
+
+def synchronize(device: str) -> None:
+    if device != "cpu":
+        torch.cuda.synchronize()
+
+
+def card(device: str) -> str:
+    """Its name."""
+    return torch.cuda.get_device_name() if device != "cpu" else "CPU"
+
+
+def peak_of(name: str, precision: str) -> float | None:
+    """TFLOP/s of a card at a precision, where known."""
+    for known, peaks in PEAKS.items():
+        if known in name:
+            return peaks[("float32", "tf32", "bf16").index(precision)]
+    return None
+
+
+KINDS: dict[str, Callable[..., dict[str, float]]] = {"steps": steps, "packed": packed, "train": train}
+
+if __name__ == "__main__":
+    main()
