@@ -4,7 +4,8 @@
 
 The frame of FILE with the median number of voxels is taken (and, with --simulated FOLDER, one of a simulated folder).
 Each measurement has a process of its own: CPU seconds of one forward pass and of one training step (forward, backward,
-optimiser), peak memory. Dense runs in torch's two memory layouts. The error is that of the sparse network's outputs
+optimiser), a frame each, and peak memory. Dense runs in torch's two memory layouts; sparse also on four frames at once,
+for each of them, and with products in bfloat16. The error is that of the sparse network's outputs
 against the dense one's, both in float64, relative to the largest output; the dense one's 3D batch normalisations sum in
 two passes, since torch's own lose four digits over a million positions that are nearly alike.
 
@@ -37,10 +38,11 @@ from fl3d.detectors.base import Batch, Detector
 from fl3d.detectors.blocks import scatter_dense
 from fl3d.sparse.background import BackgroundMap, dense
 from fl3d.training.build import build_detector, build_optimizer
+from fl3d.training.precision import multiplying
 
 NETWORKS = {"voxelnet_middle": "voxelnet", "voxelnet": "voxelnet", "fcn3d": "fcn3d"}
 LAYOUTS = {"contiguous": torch.contiguous_format, "channels_last": torch.channels_last_3d}
-WAYS = ("contiguous", "channels_last", "sparse")
+WAYS = ("contiguous", "channels_last", "sparse", "sparse, 4 at once", "sparse, bf16")
 
 
 def main() -> None:
@@ -111,12 +113,18 @@ def measure(kitti: Path, network: str, way: str, size: str, frame: str) -> dict[
     detector = NETWORKS[network]
     if way == "error":
         return {"error": error(kitti, network, size, frame)}
-    model = build(detector, "sparse" if way == "sparse" else "dense", size).train()
-    if way != "sparse":
+    model = build(detector, "dense" if way in LAYOUTS else "sparse", size).train()
+    if way in LAYOUTS:
         keep_layout(LAYOUTS[way])
-    batch = encode(model, kitti, frame)
+    count = 4 if way == "sparse, 4 at once" else 1
+    batch = encode(model, kitti, frame, count)
     optimizer = build_optimizer(config(detector, "dense", size), model)
-    run, parameters = runner(model, network, batch)
+    plain, parameters = runner(model, network, batch)
+
+    def run() -> Tensor:
+        with multiplying("bf16" if way == "sparse, bf16" else "float32", "cpu"):
+            return plain()
+
     rounds = 1 if size == "paper" else 5
     run()  # what is compiled, allocated or chosen once
     forward = seconds(run, rounds)
@@ -128,13 +136,13 @@ def measure(kitti: Path, network: str, way: str, size: str, frame: str) -> dict[
 
     step_seconds = seconds(step, rounds)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    return {"forward": forward, "step": step_seconds, "gigabytes": memory, "parameters": parameters}
+    return {"forward": forward / count, "step": step_seconds / count, "gigabytes": memory, "parameters": parameters}
 
 
-def encode(model: Detector, kitti: Path, frame: str) -> Batch:
-    """A batch of one frame, with its targets; rulebooks are made here, as in the loader's process."""
+def encode(model: Detector, kitti: Path, frame: str, count: int = 1) -> Batch:
+    """A batch of a frame, so many times, with its targets; rulebooks are made here, as in the loader's process."""
     sample = model.encode(KittiFolder(kitti).frame(frame), np.random.default_rng(0), training=True)
-    return model.collate([sample])
+    return model.collate([sample] * count)
 
 
 def runner(model: Any, network: str, batch: Batch) -> tuple[Callable[[], Tensor], int]:
@@ -215,7 +223,7 @@ def show(title: str, found: dict[str, dict[str, float]]) -> None:
         own = found[way]
         ratios = f"{own['forward'] / sparse['forward']:6.2f} x, {own['step'] / sparse['step']:6.2f} x"
         print(
-            f"  {way:13s} forward {own['forward']:8.4f} s, step {own['step']:8.4f} s ({ratios}), "
+            f"  {way:17s} forward {own['forward']:8.4f} s, step {own['step']:8.4f} s ({ratios}), "
             f"{own['gigabytes']:.2f} GB",
             flush=True,
         )

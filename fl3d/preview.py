@@ -90,7 +90,8 @@ class _View:
         seconds = {key: self.costs[key].seconds * self.left[key] for key in todo}
         flops = sum(self.costs[key].flops * self.left[key] for key in todo)
         measured = all(self.costs[key].is_measured for key in todo)
-        source = "from stages measured here" if measured else "guessed from FLOPs until a stage is measured"
+        guess = "at most, guessed from the dense FLOPs until a stage is measured"
+        source = "from stages measured here" if measured else guess
         while_on, kept = sum(self.costs[key].bytes for key in todo), self._kept(todo, keep_every)
         detectors = _by_detector(self.plan)
         lines = [f"  epochs  {self.plan.epochs} of {self.plan.plain_epochs} without shared beginnings{detectors}"]

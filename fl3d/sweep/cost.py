@@ -141,7 +141,8 @@ def _kind(stage: Stage) -> str:
     """Stages of one kind have the same network and take the same time a step."""
     config = stage.config
     optimizer, batch = config["optimizer"]["_target_"], config["schedule"]["batch_size"]
-    return digest([config["detector"], optimizer, batch, config["data"]])
+    arithmetic = config["precision"], config["compile"]
+    return digest([config["detector"], optimizer, batch, config["data"], *arithmetic])
 
 
 def checkpoint_epochs(stage: Stage) -> list[int]:
