@@ -36,8 +36,8 @@ sweep-%: .venv/installed  ## train, score and tabulate sweeps/NAME.yaml; again: 
 plan: .venv/installed  ## show what a sweep would do: stages, what is done, time, FLOPs, disk (SWEEP=gamma)
 	$(BIN)/python -m fl3d plan +sweep=$(SWEEP) $(OVERRIDES)
 
-tables: .venv/installed  ## make the tables and figures again from what is stored
-	$(BIN)/python -m fl3d tables +sweep=$(SWEEP) $(OVERRIDES)
+tables: .venv/installed  ## make all tables again from what is stored, beside the published ones and with intervals
+	$(BIN)/python -m fl3d tables $(OVERRIDES)
 
 ui: .venv/installed  ## browse every checkpoint in MLflow, on this machine alone
 	$(BIN)/python -m fl3d ui

@@ -52,7 +52,7 @@ def main() -> None:
 def table(store: Store) -> float:
     started = time.perf_counter()
     scores = tidy(store.read("gamma", list(NAMED)))
-    tables = make_tables(scores, "last", ())
+    tables = make_tables(scores)
     assert len(tables) == 3
     assert len(tables[0].rows) == len(GAMMAS)
     return time.perf_counter() - started

@@ -103,15 +103,18 @@ def plan(arguments: list[str]) -> None:
 
 
 def tables(arguments: list[str]) -> None:
-    """Make a sweep's tables again, without training anything."""
+    """Make tables again, beside the published ones and with intervals, without training anything.
+
+    Without +sweep=NAME: of every sweep that was run on the data and profile.
+    """
     parser = _parser("tables", tables.__doc__)
     parser.add_argument(
         "overrides", nargs="*", help="as for training, such as +sweep=gamma profile=quick data=kitti_sample"
     )
     overrides = parser.parse_args(arguments).overrides
-    from fl3d.results import report_from_store
+    from fl3d.report import write_all_tables
 
-    report_from_store(compose_config(overrides or ["+sweep=gamma"]))
+    write_all_tables(overrides)
 
 
 def rescore(arguments: list[str]) -> None:

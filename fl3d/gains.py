@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import pandas as pd
 
@@ -20,15 +20,22 @@ from fl3d.results import results_folder
 Compared = dict[tuple[str, float], dict[int, Comparison]]
 
 
-def compare_sweep(config: Config) -> Compared:
-    """Comparisons of the last models of a sweep: by (detector, gamma), then by seed."""
+def compare_sweep(config: Config, steps: Mapping[str, int] | None = None, by: str = "gamma") -> Compared:
+    """Comparisons of a sweep's models: by (detector, gamma), then by seed.
+
+    Args:
+        config: names the sweep, its data and profile, and the protocol.
+        steps: of the checkpoint that stands for each trial; None: the last.
+        by: ``gamma``, or ``normalize``: 0 for the original loss and 1 for the enhanced one.
+    """
     protocol = Protocol(**config["protocol"])
     seen: dict[tuple[str, ...], Validation] = {}
     compared: Compared = {}
     for paths in finished_trials(config):
         trial = front(paths)
-        comparison = compare_stored(*stored_with_validation(paths, seen), protocol)
-        compared.setdefault((trial["detector"], trial["gamma"]), {})[trial["seed"]] = comparison
+        step = steps[paths.folder.name] if steps is not None else None
+        comparison = compare_stored(*stored_with_validation(paths, seen, step), protocol)
+        compared.setdefault((trial["detector"], trial[by]), {})[trial["seed"]] = comparison
     return compared
 
 

@@ -79,7 +79,7 @@ class Sweep:
             except BaseException:
                 recorder.interrupt()
                 raise
-            written = [path for path in self.report(told) if path.name != "scores.csv"]  # MLflow holds the scores
+            written = [path for path in self.report(told) if path.parent.name != "scores"]  # MLflow holds them
             recorder.attach(written, "results")
         outcome.check()
         return outcome
@@ -202,7 +202,7 @@ class Sweep:
             self.say(f"\n{len(done)} of {len(self.plan.trials)} trials are done; the others are left out below.")
         scores = stored_scores(self.store, self.names.experiment, done, self.protocol.id)
         if self.config["sweep"]["tables"]:
-            written = write_report(self.config, scores, self.say)
+            _, written = write_report(self.config, scores, self.say)
         else:
             labels = {t.key: " ".join(t.overrides) for t in self.plan.trials}
             self.say(summary(scores, labels, self.config["selection"]["stages"]))

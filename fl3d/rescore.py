@@ -73,17 +73,27 @@ def finished_trials(config: Config) -> list[StagePaths]:
 
 
 def front(paths: StagePaths) -> dict[str, Any]:
-    """What a trial is: detector, gamma, seed and last step."""
+    """What a trial is: detector, gamma, form of the loss, seed and last step."""
     config = json.loads(paths.spec.read_text())["stage"]["config"]
     detector = locate(config["detector"]["_target_"], "detector._target_").NAME
     gamma = float(config["loss"].get("gamma", 0.0))
-    return {"detector": detector, "gamma": gamma, "seed": config["seed"], "step": paths.steps()[-1]}
+    normalize = float(config["loss"].get("normalize", True))
+    step = paths.steps()[-1]
+    return {"detector": detector, "gamma": gamma, "normalize": normalize, "seed": config["seed"], "step": step}
 
 
-def stored_with_validation(paths: StagePaths, seen: dict[tuple[str, ...], Validation]) -> tuple[Detections, Validation]:
-    """Detections of a trial's last checkpoint and the labels of their frames; ``seen`` keeps labels that were read."""
+def stored_with_validation(
+    paths: StagePaths, seen: dict[tuple[str, ...], Validation], step: int | None = None
+) -> tuple[Detections, Validation]:
+    """Detections of a trial's checkpoint and the labels of their frames.
+
+    Args:
+        paths: of the trial's last stage.
+        seen: keeps labels that were read.
+        step: of the checkpoint; None: the last.
+    """
     spec = json.loads(paths.spec.read_text())
-    detections = read_detections(paths.detections(paths.steps()[-1]))
+    detections = read_detections(paths.detections(paths.steps()[-1] if step is None else step))
     if detections.frame_ids not in seen:
         data = spec["stage"]["config"]["data"]
         folder = KittiFolder(Path(spec["machine"]["data_root"]), data["crop"], data["calibration"])

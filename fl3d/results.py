@@ -12,9 +12,10 @@ import pandas as pd
 from fl3d.errors import StoreError
 from fl3d.evaluation.protocol import Protocol
 from fl3d.records import Config, StagePaths
+from fl3d.reports.render import to_markdown
 from fl3d.reports.selection import select
-from fl3d.reports.tables import AP_COLUMNS, to_markdown
-from fl3d.reports.write import NAMED, read_scores, tidy, write_results
+from fl3d.reports.table import AP_COLUMNS, Table
+from fl3d.reports.write import NAMED, read_scores, scores_path, tidy, write_results
 from fl3d.store.tracking import Store
 
 
@@ -51,8 +52,11 @@ def stored_scores(store: Store, experiment: str, trials: set[str], protocol: str
     return tidy(raw, trials, protocol)
 
 
-def report_from_store(config: Config, say: Callable[[str], None] = print) -> None:
-    """Make the tables of a sweep again: from the store where it holds the sweep, else from ``scores.csv``.
+def report_from_store(config: Config, say: Callable[[str], None] = print) -> tuple[list[Table], pd.DataFrame]:
+    """Make the tables of a sweep again: from the store where it holds the sweep, else from its file of scores.
+
+    Returns:
+        the tables, and the scores that they are made from.
 
     Raises:
         StoreError: neither has scores.
@@ -68,11 +72,11 @@ def report_from_store(config: Config, say: Callable[[str], None] = print) -> Non
         done = {t["key"] for t in plan["trials"] if StagePaths(root / "stages" / t["key"]).done.exists()}
         scores = stored_scores(store, called.experiment, done, protocol)
     if scores.empty:
-        path = results_folder(config) / "scores.csv"
+        path = scores_path(results_folder(config), called.sweep)
         scores = read_scores(path)
         scores = of_protocol(scores, Protocol(**config["protocol"]).id, path)
         say(f"From {path} (the store holds no such sweep).\n")
-    write_report(config, scores, say)
+    return write_report(config, scores, say)[0], scores
 
 
 def of_protocol(scores: pd.DataFrame, protocol: str, source: Path) -> pd.DataFrame:
@@ -93,14 +97,15 @@ def results_folder(config: Config) -> Path:
     return Path(config["results"]) / names(config).results
 
 
-def write_report(config: Config, scores: pd.DataFrame, say: Callable[[str], None]) -> list[Path]:
-    """Write a results folder and print its tables; returns every file written."""
+def write_report(config: Config, scores: pd.DataFrame, say: Callable[[str], None]) -> tuple[list[Table], list[Path]]:
+    """Write a results folder and print its tables; returns them and every file written."""
     folder = results_folder(config)
-    tables, written = write_results(scores, folder, config["selection"]["stages"], _notes(config))
+    numbers, stages = tuple(config["sweep"]["tables"]), config["selection"]["stages"]
+    tables, written = write_results(scores, folder, names(config).sweep, numbers, stages, _notes(config))
     for table in tables:
         say("\n" + to_markdown(table))
     say(f"Written to {folder}: " + ", ".join(str(path.relative_to(folder)) for path in written))
-    return written
+    return tables, written
 
 
 def _notes(config: Config) -> tuple[str, ...]:

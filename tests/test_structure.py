@@ -18,6 +18,7 @@ FLOORS = [
     {"results"},
     {"sweep", "rescore"},
     {"pipeline", "preview", "gains", "evidence", "cleaning"},
+    {"report"},
     {"cli"},
     {"__main__"},
 ]

@@ -21,7 +21,7 @@ from fl3d.data.labels import Labels
 from fl3d.files import write_atomically, write_text
 from fl3d.geometry.boxes import Array, corners_velo
 from fl3d.reports.selection import select
-from fl3d.reports.tables import AP_COLUMNS
+from fl3d.reports.table import AP_COLUMNS
 
 STYLE: Any = {
     "font.size": 8,

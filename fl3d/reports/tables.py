@@ -1,54 +1,18 @@
-"""Tables II, III and IV of the paper from scores: layout, decimals and bold rule as printed. Pure."""
+"""Tables II to V of the paper from scores: layout, decimals and bold rule as printed. Pure."""
 
 from __future__ import annotations
-
-import csv
-import io
-from dataclasses import dataclass
 
 import pandas as pd
 
 from fl3d.errors import ConfigError
 from fl3d.reports.selection import MEAN_3D, select
+from fl3d.reports.table import AP_COLUMNS, APS, Cell, Column, Table
 
-AP_COLUMNS = {
-    f"{view}_{level}": f"ap_{view}/{level}" for view in ("bev", "3d") for level in ("easy", "moderate", "hard")
-}
 LAST_TABLES = {"II": "3D-FCN", "III": "VoxelNet"}
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One cell.
-
-    Args:
-        text: as printed.
-        bold: whether it beats gamma = 0 of the same column.
-        raw: for CSV, where it differs from the text.
-    """
-
-    text: str
-    bold: bool = False
-    raw: str | None = None
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of the paper.
-
-    Args:
-        number: Roman.
-        caption: one sentence.
-        columns: names for CSV; the last six are the APs.
-        rows: cells.
-        notes: what a reader must know beside the numbers.
-    """
-
-    number: str
-    caption: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    notes: tuple[str, ...] = ()
+NUMBERS = (*LAST_TABLES, "IV", "V")
+BOLD = "AP in percent; bold: better than γ = 0"
+FORMS = {False: "Original", True: "Enhanced"}
+FORM_DETECTOR = "3D-FCN"
 
 
 def last_models(scores: pd.DataFrame, number: str, notes: tuple[str, ...] = ()) -> Table:
@@ -60,11 +24,23 @@ def last_models(scores: pd.DataFrame, number: str, notes: tuple[str, ...] = ()) 
         notes: put below.
     """
     detector = LAST_TABLES[number]
-    chosen = _one_row_each(select(scores[scores["detector"] == detector], "last"), number)
-    base = _baseline(chosen)
+    chosen = by_gamma(select(scores[scores["detector"] == detector], "last"), number)
+    base = baseline(chosen)
     rows = tuple((Cell(f"{row['gamma']:g}"), *_ap_cells(row, base)) for _, row in chosen.iterrows())
     caption = f"Evaluation results on the validation split for last models of {detector}"
-    return Table(number, caption, ("gamma", *AP_COLUMNS), rows, notes)
+    return Table(number, caption, (Column("gamma", "γ"), *APS), rows, BOLD, notes)
+
+
+def best_pairs(scores: pd.DataFrame, stages: str = "last") -> pd.DataFrame:
+    """Of each detector the best model with gamma = 0 and, of all gamma > 0, the one of highest mean 3D AP."""
+    pairs = []
+    for detector in sorted(scores["detector"].unique()):
+        chosen = by_gamma(select(scores[scores["detector"] == detector], "best", stages), "IV")
+        base, focal = baseline(chosen), chosen[chosen["gamma"] > 0]
+        pairs += [] if base is None else [base]
+        if len(focal):
+            pairs.append(focal.iloc[int(focal[MEAN_3D].mean(axis=1).to_numpy().argmax())])
+    return pd.DataFrame(pairs).reset_index(drop=True)
 
 
 def best_models(scores: pd.DataFrame, stages: str = "last", notes: tuple[str, ...] = ()) -> Table:
@@ -75,27 +51,54 @@ def best_models(scores: pd.DataFrame, stages: str = "last", notes: tuple[str, ..
         stages: see ``selection.select``.
         notes: put below.
     """
-    rows: list[tuple[Cell, ...]] = []
-    for detector in sorted(scores["detector"].unique()):
-        chosen = _one_row_each(select(scores[scores["detector"] == detector], "best", stages), "IV")
-        base = _baseline(chosen)
-        focal = chosen[chosen["gamma"] > 0]
-        pair = [] if base is None else [base]
-        if len(focal):
-            pair.append(focal.iloc[int(focal[MEAN_3D].mean(axis=1).to_numpy().argmax())])
-        rows += [(*_front_cells(row, detector), *_ap_cells(row, base)) for row in pair]
-    columns = ("detector", "lr", "step", "gamma", *AP_COLUMNS)
-    return Table("IV", "Evaluation results on the validation split for best models", columns, tuple(rows), notes)
+    rows, pairs = [], best_pairs(scores, stages)
+    for _, row in pairs.iterrows():
+        base = baseline(pairs[pairs["detector"] == row["detector"]])
+        rows.append((*_front_cells(row), *_ap_cells(row, base)))
+    columns = (Column("detector", "Detector"), Column("gamma", "γ"), Column("lr", "lr"), Column("step", "Step"), *APS)
+    caption = "Evaluation results on the validation split for best models"
+    order = ("detector", "lr", "step", "gamma", *AP_COLUMNS)
+    return Table("IV", caption, columns, tuple(rows), BOLD, notes, order)
 
 
-def make_tables(scores: pd.DataFrame, stages: str = "last", notes: tuple[str, ...] = ()) -> list[Table]:
-    """Tables II, III and IV, as far as there are scores for them."""
+def loss_forms(scores: pd.DataFrame, notes: tuple[str, ...] = ()) -> Table:
+    """Table V: last models of 3D-FCN under the original loss (sums) and the enhanced one (means, weighed)."""
+    chosen = select(scores[scores["detector"] == FORM_DETECTOR], "last")
+    means = chosen.groupby("normalize", sort=True)[list(AP_COLUMNS.values())].mean().reset_index()
+    rows = []
+    for _, row in means.iterrows():
+        others = means[means["normalize"] != row["normalize"]]
+        rows.append((Cell(FORMS[bool(row["normalize"])]), *_ap_cells(row, others.iloc[0] if len(others) else None)))
+    caption = f"Evaluation results of last models of {FORM_DETECTOR} for the original and the enhanced loss"
+    return Table(
+        "V", caption, (Column("loss", "Loss"), *APS), tuple(rows), "AP in percent; bold: the better one", notes
+    )
+
+
+def make_tables(
+    scores: pd.DataFrame, numbers: tuple[str, ...] = (), stages: str = "last", notes: tuple[str, ...] = ()
+) -> list[Table]:
+    """Tables of the paper, as far as there are scores for them.
+
+    Args:
+        scores: tidy.
+        numbers: which; none: those of the gamma sweep.
+        stages: see ``selection.select``.
+        notes: put below each.
+    """
     present = set(scores["detector"])
-    tables = [last_models(scores, number, notes) for number, name in LAST_TABLES.items() if name in present]
-    return [*tables, best_models(scores, stages, notes)]
+    made: list[Table] = []
+    for number in numbers or (*LAST_TABLES, "IV"):
+        if number in LAST_TABLES and LAST_TABLES[number] in present:
+            made.append(last_models(scores, number, notes))
+        elif number == "IV":
+            made.append(best_models(scores, stages, notes))
+        elif number == "V" and FORM_DETECTOR in present:
+            made.append(loss_forms(scores, notes))
+    return made
 
 
-def _one_row_each(chosen: pd.DataFrame, number: str) -> pd.DataFrame:
+def by_gamma(chosen: pd.DataFrame, number: str) -> pd.DataFrame:
     """Rows by gamma; trials that differ in their seed alone are averaged, other twins are refused."""
     rows = []
     for gamma, twins in chosen.groupby("gamma", sort=True):
@@ -114,100 +117,30 @@ def _one_row_each(chosen: pd.DataFrame, number: str) -> pd.DataFrame:
     return pd.DataFrame(rows).reset_index(drop=True)
 
 
-def _baseline(chosen: pd.DataFrame) -> pd.Series | None:
+def baseline(chosen: pd.DataFrame) -> pd.Series | None:
+    """The row with gamma = 0."""
     zero = chosen[chosen["gamma"] == 0]
     return zero.iloc[0] if len(zero) else None
 
 
+def is_better(value: float, than: float) -> bool:
+    """The paper's bold rule: the printed number is strictly above the printed one."""
+    return float(f"{value:.2f}") > float(f"{than:.2f}")
+
+
 def _ap_cells(row: pd.Series, base: pd.Series | None) -> list[Cell]:
-    """Two decimals; bold where the printed number is strictly above the printed one of gamma = 0."""
-    cells = []
-    for metric in AP_COLUMNS.values():
-        text = f"{row[metric]:.2f}"
-        bold = base is not None and float(text) > float(f"{base[metric]:.2f}")
-        cells.append(Cell(text, bold))
-    return cells
+    """Two decimals; bold where better than the base."""
+    metrics = AP_COLUMNS.values()
+    return [Cell(f"{row[m]:.2f}", base is not None and is_better(row[m], base[m])) for m in metrics]
 
 
-def _front_cells(row: pd.Series, detector: str) -> list[Cell]:
+def _front_cells(row: pd.Series) -> list[Cell]:
     printed = "/".join(f"{int(s) / 1000:.0f}k" if int(s) >= 10_000 else s for s in row["step"].split("/"))
     lr = Cell(format_lr(float(row["lr"])), raw=f"{row['lr']:g}")
-    return [
-        Cell(detector),
-        lr,
-        Cell(printed, raw=row["step"]),
-        Cell(f"{row['gamma']:g}"),
-    ]
+    return [Cell(row["detector"]), Cell(f"{row['gamma']:g}"), lr, Cell(printed, raw=row["step"])]
 
 
 def format_lr(lr: float) -> str:
     """As the paper prints it: 0.01 -> ``1e-2``, 0.0025 -> ``2.5e-3``."""
     mantissa, exponent = f"{lr:e}".split("e")
     return f"{float(mantissa):g}e{int(exponent)}"
-
-
-def to_csv(table: Table) -> str:
-    """Comma-separated, plain numbers."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(table.columns)
-    writer.writerows([c.text if c.raw is None else c.raw for c in row] for row in table.rows)
-    return out.getvalue()
-
-
-def to_markdown(table: Table) -> str:
-    """GitHub Markdown, in the paper's column order."""
-    front = _front_names(table)
-    head = [*front, *(f"{view} {level}" for view in ("BEV", "3D") for level in ("Easy", "Mod", "Hard"))]
-    rows = [[f"**{c.text}**" if c.bold else c.text for c in _paper_order(table, row)] for row in table.rows]
-    lines = [f"**Table {table.number}.** {table.caption}. AP in percent; bold: better than γ = 0.", ""]
-    lines += [_markdown_row(head), "|" + "---|" * len(front) + "---:|" * 6, *(_markdown_row(row) for row in rows)]
-    if table.notes:
-        lines += ["", *(f"{note}  " for note in table.notes)]
-    return "\n".join(lines) + "\n"
-
-
-def _markdown_row(cells: list[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def to_latex(table: Table) -> str:
-    """A table that compiles as it is, with the package booktabs."""
-    front = [{"γ": r"$\gamma$"}.get(name, name) for name in _front_names(table)]
-    n = len(front)
-    lines = [
-        r"\begin{table}[t]",
-        r"\centering",
-        r"\setlength{\tabcolsep}{4pt}",
-        rf"\caption{{{_latex(table.caption)}. AP in \%; bold: better than $\gamma = 0$.}}",
-        rf"\begin{{tabular}}{{{'l' * n}rrrrrr}}",
-        r"\toprule",
-        "& " * n + r"\multicolumn{3}{c}{Bird's Eye View AP (\%)} & \multicolumn{3}{c}{3D Detection AP (\%)} \\",
-        rf"\cmidrule(lr){{{n + 1}-{n + 3}}} \cmidrule(lr){{{n + 4}-{n + 6}}}",
-        " & ".join([*front, *["Easy", "Mod", "Hard"] * 2]) + r" \\",
-        r"\midrule",
-    ]
-    for row in table.rows:
-        cells = [rf"\textbf{{{_latex(c.text)}}}" if c.bold else _latex(c.text) for c in _paper_order(table, row)]
-        lines.append(" & ".join(cells) + r" \\")
-    lines += [r"\bottomrule", r"\end{tabular}"]
-    lines += [rf"\par\smallskip\footnotesize {_latex(' '.join(table.notes))}"] if table.notes else []
-    return "\n".join([*lines, r"\end{table}"]) + "\n"
-
-
-def _paper_order(table: Table, row: tuple[Cell, ...]) -> list[Cell]:
-    """The paper prints gamma before lr and step; the CSV has it behind them."""
-    if table.number != "IV":
-        return list(row)
-    detector, lr, step, gamma, *aps = row
-    return [detector, gamma, lr, step, *aps]
-
-
-def _front_names(table: Table) -> list[str]:
-    return ["Detector", "γ", "lr", "Step"] if table.number == "IV" else ["γ"]
-
-
-def _latex(text: str) -> str:
-    for character, escaped in (("\\", r"\textbackslash{}"), ("_", r"\_"), ("%", r"\%"), ("&", r"\&"), ("#", r"\#")):
-        text = text.replace(character, escaped)
-    return text.replace("γ", r"$\gamma$").replace("≥", r"$\geq$").replace("×", r"$\times$")

@@ -9,7 +9,9 @@ import pandas as pd
 from fl3d.errors import StoreError
 from fl3d.files import write_text
 from fl3d.reports.figures import ap_over_gamma, ap_over_steps
-from fl3d.reports.tables import Table, make_tables, to_csv, to_latex, to_markdown
+from fl3d.reports.render import to_csv, to_latex, to_markdown
+from fl3d.reports.table import Table
+from fl3d.reports.tables import LAST_TABLES, make_tables
 
 FRONT = [
     "trial",
@@ -18,6 +20,7 @@ FRONT = [
     "alpha",
     "beta",
     "eta",
+    "normalize",
     "lr",
     "seed",
     "protocol",
@@ -32,7 +35,7 @@ NAMED = {
     "tags.detector": "detector",
     "params.seed": "seed",
     "params.optimizer.lr": "lr",
-    **{f"params.loss.{name}": name for name in ("gamma", "alpha", "beta", "eta")},
+    **{f"params.loss.{name}": name for name in ("gamma", "alpha", "beta", "eta", "normalize")},
 }
 
 
@@ -53,7 +56,8 @@ def tidy(raw: pd.DataFrame, trials: set[str] | None = None, protocol: str | None
         named = named[named["protocol"] == protocol]
     aps = sorted(str(column) for column in named if str(column).startswith("ap_"))
     frame = named[[*FRONT, *aps]].dropna(subset=aps).copy()
-    texts = {"trial", "detector", "protocol"}
+    texts = {"trial", "detector", "protocol", "normalize"}
+    frame["normalize"] = frame["normalize"].astype(str).str.lower() == "true"
     for column in FRONT:
         if column not in texts:
             frame[column] = pd.to_numeric(frame[column])
@@ -63,7 +67,7 @@ def tidy(raw: pd.DataFrame, trials: set[str] | None = None, protocol: str | None
 
 
 def read_scores(path: Path) -> pd.DataFrame:
-    """Read a results folder's ``scores.csv``.
+    """Read the scores of a results folder.
 
     Raises:
         StoreError: there is none, or a column is missing.
@@ -77,30 +81,46 @@ def read_scores(path: Path) -> pd.DataFrame:
     return frame
 
 
+def scores_path(folder: Path, sweep: str) -> Path:
+    """Where a results folder keeps the scores of one sweep: all that its tables and curves are made from."""
+    return folder / "scores" / f"{sweep}.csv"
+
+
 def write_results(
-    scores: pd.DataFrame, folder: Path, stages: str, notes: tuple[str, ...]
+    scores: pd.DataFrame, folder: Path, sweep: str, numbers: tuple[str, ...], stages: str, notes: tuple[str, ...]
 ) -> tuple[list[Table], list[Path]]:
-    """Write ``scores.csv``, ``tables/`` and ``figures/``.
+    """Write a sweep's scores, tables and curves.
 
     Args:
         scores: tidy.
         folder: ``results/<data>-<profile>``.
+        sweep: its name.
+        numbers: of the tables it feeds.
         stages: where ``best`` looks, see ``selection.select``.
         notes: put below each table.
 
     Returns:
         the tables and every file written.
     """
-    written = [folder / "scores.csv"]
+    written = [scores_path(folder, sweep)]
     write_text(written[0], scores.to_csv(index=False, lineterminator="\n"))
-    tables = make_tables(scores, stages, notes)
+    tables = make_tables(scores, numbers, stages, notes)
+    written += write_tables(tables, folder)
+    for number in numbers:
+        for stale in set((folder / "tables").glob(f"table_{number}[._]*")) - set(written):
+            stale.unlink()  # of other trials or scores: a folder shows one set, and views are made again from it
+    if {table.number for table in tables} & set(LAST_TABLES):
+        written += ap_over_steps(scores, folder / "figures" / "ap_over_steps")
+        written += ap_over_gamma(scores, folder / "figures" / "ap_over_gamma")
+    return tables, written
+
+
+def write_tables(tables: list[Table], folder: Path) -> list[Path]:
+    """Each table as Markdown, LaTeX and CSV; every file written."""
+    written = []
     for table in tables:
         for ending, render in (("md", to_markdown), ("tex", to_latex), ("csv", to_csv)):
-            path = folder / "tables" / f"table_{table.number}.{ending}"
+            path = folder / "tables" / f"table_{table.name}.{ending}"
             write_text(path, render(table))
             written.append(path)
-    for stale in set((folder / "tables").glob("table_*")) - set(written):
-        stale.unlink()  # of an earlier run with other trials: a folder shows one set of scores
-    written += ap_over_steps(scores, folder / "figures" / "ap_over_steps")
-    written += ap_over_gamma(scores, folder / "figures" / "ap_over_gamma")
-    return tables, written
+    return written

@@ -83,10 +83,12 @@ class Planner:
 
     def _check_tables(self, points: Sequence[Point]) -> None:
         tables = self.base["sweep"]["tables"]
-        rows = [(p.config["detector"]["_target_"], p.config["loss"].get("gamma", 0), p.config["seed"]) for p in points]
         keys = {digest(result_config(point.config)) for point in points}
-        if tables and len(set(rows)) < len(keys):
-            raise ConfigError(
-                f"sweep.tables: Tables {', '.join(tables)} have one row for each detector and gamma (seeds are "
-                "averaged); these trials differ in something else. Sweep it without +sweep."
-            )
+        for number in tables:
+            key = "normalize" if number == "V" else "gamma"
+            rows = {(p.config["detector"]["_target_"], p.config["loss"].get(key, 0), p.config["seed"]) for p in points}
+            if len(rows) < len(keys):
+                raise ConfigError(
+                    f"sweep.tables: Table {number} has one row for each detector and loss.{key} (seeds are averaged); "
+                    "these trials differ in something else. Sweep it without +sweep."
+                )

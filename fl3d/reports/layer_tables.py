@@ -1,0 +1,104 @@
+"""Tables VI and VII: layers and work of the networks, computed from what is built; the printed numbers beside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import groupby
+from math import prod
+
+from torch import nn
+
+from fl3d.detectors.base import Detector
+from fl3d.detectors.flops import LayerWork, layer_works
+from fl3d.reports.published import published_table
+from fl3d.reports.table import Cell, Column, Table
+
+DETECTORS = {"VI": "fcn3d", "VII": "voxelnet"}
+BLOCKS = {
+    "VI": {"body": "Body", "obj": "Head-PMap", "cor": "Head-RMap"},
+    "VII": {"feature_net": "FeatureNet", "middle": "MiddleLayer", "rpn.prob": "Prob-Map", "rpn.reg": "Reg-Map"},
+}
+CAPTIONS = {"VI": "Layers of 3D-FCN and their work", "VII": "Layers of VoxelNet and their work"}
+TOLERANCE = 0.06  # GFLOP: what one printed decimal may hide
+
+
+@dataclass(frozen=True)
+class _Row:
+    front: tuple[Cell, ...]
+    gflops: float
+    first: LayerWork
+
+
+def layer_table(number: str, make: Callable[[], Detector]) -> Table:
+    """Table VI (3D-FCN) or VII (VoxelNet), with the journal's number beside ours, and what is wrong where they differ.
+
+    Work is counted as the paper counts it: two operations for a multiply-add, and two more for each output value.
+
+    Args:
+        number: ``VI`` or ``VII``.
+        make: builds the detector at full size.
+    """
+    rows = [_row(number, list(works)) for _, works in groupby(layer_works(make), key=_alike)]
+    printed = published_table(number)["gflops"]
+    printed = printed[printed != "/"]  # a reshape is no work
+    texts = list(printed) if len(rows) == len(printed) else [""] * len(rows)  # another network than the paper's
+    cells = []
+    for row, text in zip(rows, texts, strict=True):
+        wrong = text != "" and abs(row.gflops - float(text.strip("<"))) > (0.1 if "<" in text else TOLERANCE)
+        note = _explain(row.first, text) if wrong else ""
+        cells.append((*row.front, Cell(f"{row.gflops:.1f}"), Cell(text, star=wrong), Cell(note)))
+    total = sum(row.gflops for row in rows)
+    columns = (
+        *(Column(key, key.capitalize()) for key in ("block", "layer", "kernel", "strides", "filters")),
+        Column("gflops", "GFLOPs", "", True),
+        Column("published", "printed", "", True),
+        Column("note", "why they differ"),
+    )
+    notes = (f"Sum: {total:.1f} GFLOP a frame.",)
+    return Table(number, CAPTIONS[number], columns, tuple(cells), "Star: the printed number is not the layer's", notes)
+
+
+def _alike(work: LayerWork) -> tuple[object, ...]:
+    """Equal layers that follow each other share a row, as in the paper; 3D layers have rows of their own."""
+    module = work.module
+    if isinstance(module, nn.Conv2d):
+        return type(module), module.kernel_size, module.stride, module.out_channels, work.outputs
+    return (work.name,)
+
+
+def _row(number: str, works: list[LayerWork]) -> _Row:
+    first = works[0]
+    block = next((label for prefix, label in BLOCKS[number].items() if first.name.startswith(prefix)), "RPN")
+    kind, *rest = _kind(first)
+    count = f" x {len(works)}" if len(works) > 1 else ""
+    gflops = sum(work.flops + 2 * prod(work.outputs) for work in works) / 1e9
+    return _Row(tuple(Cell(text) for text in (block, kind + count, *rest)), gflops, first)
+
+
+def _kind(work: LayerWork) -> tuple[str, str, str, str]:
+    """Layer, kernel or units, strides and filters, as the paper writes them."""
+    module = work.module
+    if isinstance(module, nn.Linear):
+        is_vfe = "vfe" in work.name  # half of an encoding layer's width is the voxel's maximum
+        return "vfe" if is_vfe else "fc", str(module.out_features * (2 if is_vfe else 1)), "N/A", "N/A"
+    assert isinstance(module, nn.Conv2d | nn.Conv3d | nn.ConvTranspose2d)
+    kind = "deconv" if isinstance(module, nn.ConvTranspose2d) else f"conv{module.weight.dim() - 2}d"
+    return kind, _list(module.kernel_size), _list(module.stride), str(module.out_channels)
+
+
+def _list(values: tuple[int, ...]) -> str:
+    return "[" + ",".join(str(value) for value in values) + "]"
+
+
+def _explain(work: LayerWork, printed: str) -> str:
+    """What was counted instead, where a count tried here gives the printed number."""
+    module = work.module
+    if isinstance(module, nn.Linear):
+        return "counted without the voxels, whose number is open"
+    assert isinstance(module, nn.Conv2d | nn.Conv3d | nn.ConvTranspose2d)
+    deconv = isinstance(module, nn.ConvTranspose2d)
+    taps = 9 if deconv else prod(module.kernel_size)
+    guess = 2 * prod(work.inputs[2:]) * taps * module.in_channels * module.out_channels / 1e9
+    why = "a 3 x 3 kernel at the input's size" if deconv else "at the input's size, before the stride"
+    return f"counted {why}: {guess:.1f}" if abs(guess - float(printed)) < 0.1 else ""

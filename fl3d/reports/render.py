@@ -1,0 +1,117 @@
+"""Tables as Markdown, LaTeX, HTML and CSV. Pure."""
+
+from __future__ import annotations
+
+import csv
+import html
+import io
+from itertools import groupby
+
+from fl3d.reports.table import Cell, Table
+
+GROUPS = {"BEV": r"Bird's Eye View AP (\%)", "3D": r"3D Detection AP (\%)"}
+LATEX = {"\\": r"\textbackslash{}", **{c: rf"\{c}" for c in "_%&#$"}}
+SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"  # to the column's width, if wider
+SYMBOLS = {"γ": r"$\gamma$", "≥": r"$\geq$", "×": r"$\times$", "ρ": r"$\rho$", "−": r"$-$"}
+SYMBOLS |= {"<": "$<$", ">": "$>$", "–": "--", "…": r"\ldots{}", "†": r"$\dagger$"}
+
+
+def to_csv(table: Table) -> str:
+    """Comma-separated, plain numbers."""
+    keys = [column.key for column in table.columns]
+    order = [keys.index(key) for key in (table.csv_order or keys)]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([keys[i] for i in order])
+    writer.writerows([row[i].text if row[i].raw is None else row[i].raw for i in order] for row in table.rows)
+    return out.getvalue()
+
+
+def to_markdown(table: Table) -> str:
+    """GitHub Markdown."""
+    heads = [f"{column.group} {column.head}".strip() for column in table.columns]
+    rule = "|" + "|".join("---:" if column.is_number else "---" for column in table.columns) + "|"
+    lines = [f"**Table {table.number}.** {_sentence(table)}", "", _line(heads), rule]
+    lines += [_line([_markdown(cell) for cell in row]) for row in table.rows]
+    if table.notes:
+        lines += ["", *(f"{note}  " for note in table.notes)]
+    return "\n".join(lines) + "\n"
+
+
+def _line(cells: list[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _sentence(table: Table) -> str:
+    return ". ".join(part for part in (table.caption, table.legend) if part) + "."
+
+
+def _markdown(cell: Cell) -> str:
+    text = cell.text.replace("|", r"\|")
+    return (f"**{text}**" if cell.bold else text) + (r"\*" if cell.star else "")
+
+
+def to_latex(table: Table) -> str:
+    """A table that compiles as it is, with booktabs and graphicx; a wide one spans both columns of a page."""
+    width = sum(max(len(cell.text) for cell in column) for column in zip(*table.rows, strict=True)) if table.rows else 0
+    kind = "table*" if width > 60 else "table"
+    groups = [(name, len(list(columns))) for name, columns in groupby(table.columns, lambda column: column.group)]
+    lines = [rf"\begin{{{kind}}}[t]", r"\centering", r"\setlength{\tabcolsep}{4pt}"]
+    lines += [rf"\caption{{{_latex(_sentence(table))}}}", SHRINK]
+    lines += [rf"\begin{{tabular}}{{{''.join('r' if c.is_number else 'l' for c in table.columns)}}}", r"\toprule"]
+    if any(name for name, _ in groups):
+        cells = [_span(GROUPS.get(name, name), n) if name else "& " * (n - 1) for name, n in groups]
+        lines += [" & ".join(cells) + r" \\", _rules(groups)]
+    lines += [" & ".join(_latex(column.head) for column in table.columns) + r" \\", r"\midrule"]
+    lines += [" & ".join(_latex_cell(cell) for cell in row) + r" \\" for row in table.rows]
+    lines += [r"\bottomrule", r"\end{tabular}}"]
+    lines += [rf"\par\smallskip\footnotesize {_latex(' '.join(table.notes))}"] if table.notes else []
+    return "\n".join([*lines, rf"\end{{{kind}}}"]) + "\n"
+
+
+def _span(text: str, n: int) -> str:
+    return rf"\multicolumn{{{n}}}{{c}}{{{text}}}"
+
+
+def _rules(groups: list[tuple[str, int]]) -> str:
+    """Lines under the groups' names."""
+    rules, start = [], 1
+    for name, n in groups:
+        rules += [rf"\cmidrule(lr){{{start}-{start + n - 1}}}"] if name else []
+        start += n
+    return " ".join(rules)
+
+
+def _latex_cell(cell: Cell) -> str:
+    text = _latex(cell.text)
+    return (rf"\textbf{{{text}}}" if cell.bold else text) + (r"\textsuperscript{*}" if cell.star else "")
+
+
+def _latex(text: str) -> str:
+    for character, escaped in LATEX.items():
+        text = text.replace(character, escaped)
+    for character, escaped in SYMBOLS.items():
+        text = text.replace(character, escaped)
+    return text
+
+
+def to_html(table: Table) -> str:
+    """An element for a page."""
+    groups = [(name, len(list(columns))) for name, columns in groupby(table.columns, lambda column: column.group)]
+    lines = [f"<figure class='table' id='table-{table.name}'><table>"]
+    lines += [f"<caption><b>Table {table.number}.</b> {html.escape(_sentence(table))}</caption><thead>"]
+    if any(name for name, _ in groups):
+        lines += ["<tr>" + "".join(f"<th colspan='{n}'>{html.escape(name)}</th>" for name, n in groups) + "</tr>"]
+    lines += ["<tr>" + "".join(f"<th>{html.escape(column.head)}</th>" for column in table.columns) + "</tr></thead>"]
+    lines += ["<tbody>"]
+    for row in table.rows:
+        cells = zip(row, table.columns, strict=True)
+        lines += ["<tr>" + "".join(_html_cell(cell, column.is_number) for cell, column in cells) + "</tr>"]
+    lines += ["</tbody></table>", *(f"<p class='note'>{html.escape(note)}</p>" for note in table.notes), "</figure>"]
+    return "\n".join(lines) + "\n"
+
+
+def _html_cell(cell: Cell, is_number: bool) -> str:
+    text = html.escape(cell.text)
+    text = (f"<b>{text}</b>" if cell.bold else text) + ("<sup>*</sup>" if cell.star else "")
+    return f"<td class='number'>{text}</td>" if is_number else f"<td>{text}</td>"
