@@ -112,9 +112,22 @@ def tables(arguments: list[str]) -> None:
         "overrides", nargs="*", help="as for training, such as +sweep=gamma profile=quick data=kitti_sample"
     )
     overrides = parser.parse_args(arguments).overrides
-    from fl3d.report import write_all_tables
+    from fl3d.paper.tables import write_all_tables
 
     write_all_tables(overrides)
+
+
+def figures(arguments: list[str]) -> None:
+    """Draw the figures of a sweep over gamma, without training anything; those of windows run its last and best models.
+
+    What the models say of the validation frames' windows is kept in the store, so a second time is quick.
+    """
+    parser = _parser("figures", figures.__doc__)
+    parser.add_argument("overrides", nargs="*", help="as for training, such as profile=quick data=kitti_sample")
+    overrides = parser.parse_args(arguments).overrides
+    from fl3d.paper.figures import write_figures
+
+    write_figures(overrides)
 
 
 def rescore(arguments: list[str]) -> None:
@@ -293,6 +306,7 @@ def stage(arguments: list[str]) -> None:
 COMMANDS: dict[str, Callable[[list[str]], None]] = {
     "plan": plan,
     "tables": tables,
+    "figures": figures,
     "rescore": rescore,
     "gains": gains,
     "why": why,

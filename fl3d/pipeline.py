@@ -18,7 +18,7 @@ from fl3d.files import write_text
 from fl3d.leases import Lease, holder_of, leased
 from fl3d.provenance import provenance, uncommitted
 from fl3d.records import Config, StagePaths, Trial
-from fl3d.reports.figures import birds_eye
+from fl3d.reports.figures.boxes import birds_eye
 from fl3d.results import names, results_folder, stored_scores, summary, write_report
 from fl3d.store.tracking import Store
 from fl3d.sweep.conductor import Conductor

@@ -61,6 +61,16 @@ def report_from_store(config: Config, say: Callable[[str], None] = print) -> tup
     Raises:
         StoreError: neither has scores.
     """
+    scores = scores_of(config, say)
+    return write_report(config, scores, say)[0], scores
+
+
+def scores_of(config: Config, say: Callable[[str], None] = lambda line: None) -> pd.DataFrame:
+    """Tidy scores of a sweep's finished trials under the config's protocol, from the store or its file of scores.
+
+    Raises:
+        StoreError: neither has any.
+    """
     called = names(config)
     root = Path(config["store"]["root"])
     frozen = called.plan(root)
@@ -76,7 +86,7 @@ def report_from_store(config: Config, say: Callable[[str], None] = print) -> tup
         scores = read_scores(path)
         scores = of_protocol(scores, Protocol(**config["protocol"]).id, path)
         say(f"From {path} (the store holds no such sweep).\n")
-    return write_report(config, scores, say)[0], scores
+    return scores
 
 
 def of_protocol(scores: pd.DataFrame, protocol: str, source: Path) -> pd.DataFrame:

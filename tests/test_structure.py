@@ -18,7 +18,7 @@ FLOORS = [
     {"results"},
     {"sweep", "rescore"},
     {"pipeline", "preview", "gains", "evidence", "cleaning"},
-    {"report"},
+    {"paper"},
     {"cli"},
     {"__main__"},
 ]

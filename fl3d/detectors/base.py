@@ -67,6 +67,10 @@ class Detector(nn.Module, ABC):
         """Named loss terms of a batch; training minimises their sum."""
 
     @abstractmethod
+    def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Logits of the positive and of the negative windows of a batch with targets: (N_pos,), (N_neg,)."""
+
+    @abstractmethod
     def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
         """Boxes of each frame of a batch: the best ``max_boxes`` above ``min_score``, not yet suppressed."""
 

@@ -166,10 +166,18 @@ class FCN3D(Detector):
         """Eq. 7-11: every cell without an object's centre is a negative."""
         logits, corners = self(batch)
         b, z, y, x = batch["cells"].unbind(1)
+        terms = self.detection_loss.classification(*self._split(logits, batch))
+        return {**terms, "reg": self.detection_loss.localization(corners[b, z, y, x], batch["corners"])}
+
+    def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Logits of cells with an object's centre, and of all others."""
+        return self._split(self(batch)[0], batch)
+
+    def _split(self, logits: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
+        b, z, y, x = batch["cells"].unbind(1)
         negative = torch.ones_like(logits, dtype=torch.bool)
         negative[b, z, y, x] = False
-        terms = self.detection_loss.classification(logits[b, z, y, x], logits[negative])
-        return {**terms, "reg": self.detection_loss.localization(corners[b, z, y, x], batch["corners"])}
+        return logits[b, z, y, x], logits[negative]
 
     @torch.no_grad()
     def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:

@@ -278,6 +278,12 @@ class VoxelNet(Detector):
         terms = self.detection_loss.classification(logits[b, a], logits[batch["negative"]])
         return {**terms, "reg": self.detection_loss.localization(residuals[b, a], batch["residuals"])}
 
+    def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Logits of positive and of negative anchors."""
+        logits, _ = self(batch)
+        b, a = batch["positive"].unbind(1)
+        return logits[b, a], logits[batch["negative"]]
+
     @torch.no_grad()
     def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
         """Decode the best anchors."""

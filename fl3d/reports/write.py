@@ -8,7 +8,7 @@ import pandas as pd
 
 from fl3d.errors import StoreError
 from fl3d.files import write_text
-from fl3d.reports.figures import ap_over_gamma, ap_over_steps
+from fl3d.reports.figures.curves import ap_over_gamma, ap_over_steps
 from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
 from fl3d.reports.tables import LAST_TABLES, make_tables
@@ -110,7 +110,7 @@ def write_results(
         for stale in set((folder / "tables").glob(f"table_{number}[._]*")) - set(written):
             stale.unlink()  # of other trials or scores: a folder shows one set, and views are made again from it
     if {table.number for table in tables} & set(LAST_TABLES):
-        written += ap_over_steps(scores, folder / "figures" / "ap_over_steps")
+        written += ap_over_steps(scores, folder / "figures" / "ap_over_steps", stages)
         written += ap_over_gamma(scores, folder / "figures" / "ap_over_gamma")
     return tables, written
 

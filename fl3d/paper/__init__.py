@@ -1,0 +1,1 @@
+"""What a paper needs, from a store: tables, figures, claims and one page. Trains nothing."""

@@ -1,0 +1,1 @@
+"""Figures, drawn from data frames and arrays: PNG and PDF, the data beside."""

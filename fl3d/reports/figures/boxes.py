@@ -1,0 +1,150 @@
+"""Figures of frames: boxes from above and on the picture, in the paper's colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from fl3d.data.kitti import Frame
+from fl3d.data.labels import Labels
+from fl3d.geometry.boxes import CORNER_SIGNS, Array, corners_velo
+from fl3d.reports.figures.style import BLUE, PURPLE, STYLE, save
+
+FOOTPRINT = (0, 1, 5, 2, 0)  # corners around the bottom face
+EDGES = tuple(
+    (a, b)
+    for a in range(8)
+    for b in range(a + 1, 8)
+    if np.abs(np.subtract(CORNER_SIGNS[a], CORNER_SIGNS[b])).sum() == 2  # along one axis
+)
+NEAR = 1.0  # metres: boxes with a corner nearer to the camera are not drawn on the picture
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A frame and what a model finds in it.
+
+    Args:
+        frame: cloud and labels.
+        image: (H, W, 3), or None: points are drawn instead, brighter where nearer.
+        found: detections as evaluated.
+    """
+
+    frame: Frame
+    image: NDArray[np.uint8] | None
+    found: Labels
+
+
+def figure_1(
+    models: dict[str, list[Scene]], beyond: tuple[float, float, float, float] | None, path: Path
+) -> list[Path]:
+    """Figure 1: for each model a row of pictures with projected boxes and a row of the same frames from above.
+
+    Args:
+        models: by name, the same frames for each.
+        beyond: area of the evaluation, or None.
+        path: without ending.
+    """
+    n = len(next(iter(models.values())))
+    with plt.rc_context(STYLE):
+        figure, grid = plt.subplots(
+            2 * len(models),
+            n,
+            figsize=(2.4 * n, 2.9 * len(models)),
+            squeeze=False,
+            layout="constrained",
+            height_ratios=[0.75, 2.1] * len(models),
+        )
+        for k, (name, scenes) in enumerate(models.items()):
+            for column, scene in enumerate(scenes):
+                _on_picture(grid[2 * k, column], scene)
+                from_above(grid[2 * k + 1, column], scene.frame, scene.found, beyond)
+                if column:
+                    grid[2 * k + 1, column].set(ylabel="", yticks=[])
+                if k + 1 < len(models):
+                    grid[2 * k + 1, column].set(xlabel="", xticks=[])
+            grid[2 * k, 0].set_title(name, loc="left")
+        return save(figure, path)
+
+
+def _on_picture(axes: Axes, scene: Scene) -> None:
+    frame, calibration = scene.frame, scene.frame.calibration
+    width, height = frame.image_size
+    if scene.image is not None:
+        axes.imshow(scene.image, extent=(0, width, height, 0))
+    else:
+        axes.set_facecolor("black")
+        points_cam = calibration.points_to_cam(frame.points_velo)
+        pixels, depth = calibration.points_to_image(points_cam)
+        axes.scatter(
+            pixels[:, 0],
+            pixels[:, 1],
+            c=1 / np.maximum(depth, 2),
+            s=0.05,
+            cmap="gray",
+            vmin=0,
+            vmax=0.2,
+            rasterized=True,
+        )
+    cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[frame.labels.types == "Car"])
+    found = calibration.boxes_to_velo(scene.found.boxes_cam)
+    for boxes, color, strength in ((cars, PURPLE, np.ones(len(cars))), (found, BLUE, _strength(scene.found))):
+        for corners, alpha in zip(corners_velo(boxes), strength, strict=True):
+            corners_cam = calibration.points_to_cam(corners)
+            if corners_cam[:, 2].min() < NEAR:
+                continue
+            pixels, _ = calibration.points_to_image(corners_cam)
+            for edge in EDGES:
+                axes.plot(*pixels[list(edge)].T, color=color, lw=0.6, alpha=float(alpha))
+    axes.set(xlim=(0, width), ylim=(height, 0), xticks=[], yticks=[], aspect="equal")
+
+
+def _strength(found: Labels) -> Array:
+    """The surer the stronger."""
+    return np.clip(found.scores if found.scores is not None else np.zeros(0), 0.15, 1)
+
+
+def birds_eye(
+    frame: Frame, detections: Labels, beyond: tuple[float, float, float, float] | None, title: str, path: Path
+) -> list[Path]:
+    """One frame from above: points, cars (purple) and estimates (blue, with scores; the surer the stronger).
+
+    Args:
+        frame: cloud and labels.
+        detections: as evaluated.
+        beyond: area of the evaluation, or None.
+        title: above it.
+        path: without ending.
+    """
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(figsize=(5, 4.6))
+        from_above(axes, frame, detections, beyond)
+        boxes = frame.calibration.boxes_to_velo(detections.boxes_cam)
+        scores = detections.scores if detections.scores is not None else np.zeros(0)
+        for box, score, alpha in zip(boxes, scores, _strength(detections), strict=True):
+            axes.annotate(f"{score:.2f}", box[:2], fontsize=4, color=BLUE, ha="center", va="center", alpha=alpha)
+        axes.set_title(title)
+        axes.legend(loc="upper left", fontsize=6)
+        return save(figure, path, (".png",))  # one for each trial, to look at in MLflow
+
+
+def from_above(axes: Axes, frame: Frame, found: Labels, beyond: tuple[float, float, float, float] | None) -> None:
+    """Draw points, cars and estimates of a frame in the plane of the ground."""
+    points = frame.points_velo
+    axes.scatter(points[:, 0], points[:, 1], s=0.15, c="0.55", linewidths=0, rasterized=True)
+    cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[frame.labels.types == "Car"])
+    _outlines(axes, cars, PURPLE, "ground truth", np.ones(len(cars)))
+    _outlines(axes, frame.calibration.boxes_to_velo(found.boxes_cam), BLUE, "estimate", _strength(found))
+    x0, y0, x1, y1 = beyond or (0, -40, 70.4, 40)
+    axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+
+
+def _outlines(axes: Axes, boxes_velo: Array, color: str, label: str, strength: Array) -> None:
+    axes.plot([], [], color=color, lw=1, label=label)
+    for corners, alpha in zip(corners_velo(boxes_velo), strength, strict=True):
+        axes.plot(*corners[list(FOOTPRINT), :2].T, color=color, lw=1, alpha=float(alpha))

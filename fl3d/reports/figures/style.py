@@ -1,0 +1,78 @@
+"""How all figures look: legible in one column of a page, and in grey; fonts embedded; no dates in the files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from fl3d.files import write_atomically, write_text
+
+STYLE: Any = {
+    "font.size": 8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+}
+PURPLE, BLUE, ORANGE = "#7b2d8b", "#1f5fbf", "#d07a1c"  # ground truth and estimates as in the paper's Figure 1
+MARKERS = "osD^v<>PX*"
+METADATA = {".png": {"Software": None}, ".pdf": {"CreationDate": None, "Producer": None, "Creator": None}}
+COLUMN = 3.5  # inches: one column of a two-column page
+
+
+def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")) -> list[Path]:
+    """Write a figure without dates, so that the same data give the same bytes."""
+    written = []
+    for ending in endings:
+        values = METADATA[ending]
+        target = path.with_suffix(ending)
+
+        def draw(temporary: Path, kind: str = ending[1:], values: dict[str, None] = values) -> None:
+            figure.savefig(temporary, format=kind, metadata=values, dpi=200)
+
+        write_atomically(target, draw)
+        written.append(target)
+    plt.close(figure)
+    return written
+
+
+def write_data(frame: pd.DataFrame, path: Path) -> Path:
+    """The data of a figure, beside it."""
+    write_text(path.with_suffix(".csv"), frame.to_csv(index=False, lineterminator="\n"))
+    return path.with_suffix(".csv")
+
+
+def shades(values: Sequence[float]) -> list[tuple[Any, str]]:
+    """A colour and a marker for each value: dark to light, so that they differ in grey too."""
+    colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, len(values)))
+    return [(color, MARKERS[k % len(MARKERS)]) for k, color in enumerate(colors)]
+
+
+def panels(
+    names: Sequence[str], path: Path, panel: Callable[[Axes, str], None], legend_columns: int, height: float = 2.9
+) -> list[Path]:
+    """Panels in rows of two, as wide as a page's two columns, with one legend below."""
+    n_rows, n_columns = -(-len(names) // 2), min(2, len(names))
+    with plt.rc_context(STYLE):
+        size = (COLUMN * n_columns, height * n_rows)
+        figure, grid = plt.subplots(n_rows, n_columns, figsize=size, squeeze=False, layout="constrained")
+        for spare in grid.flat[len(names) :]:
+            spare.set_axis_off()
+        for axes, name in zip(grid.flat, names, strict=False):
+            panel(axes, name)
+            axes.set_title(name)
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        if labels:
+            figure.legend(handles, labels, fontsize=7, frameon=False, ncols=legend_columns, loc="outside lower center")
+        return save(figure, path)

@@ -1,0 +1,132 @@
+"""Figures of windows' posteriors and losses: Figures 4 and 5 of the paper, and the imbalance by height (§III-B)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from fl3d.reports.figures.style import BLUE, ORANGE, panels, shades, write_data
+
+Array = NDArray[np.floating]
+POINTS = 400  # of a curve in Figure 4: evenly spaced, and as many again over the hardest thousandths
+BINS = 50
+
+
+def cumulative_loss(logits: Array, sign: int, gamma: float, shares: Array) -> Array:
+    """Share of the total focal loss that lies on the easiest windows.
+
+    Args:
+        logits: of windows, (N,).
+        sign: +1 for positives, -1 for negatives.
+        gamma: focusing parameter.
+        shares: of the windows, from 0 to 1, easiest first.
+
+    Returns:
+        as long as ``shares``.
+    """
+    x = sign * logits.astype(np.float64)
+    losses = np.exp(-gamma * np.logaddexp(0, x)) * np.logaddexp(0, -x)  # (1 - p_t)^gamma * -log(p_t), Eq. 4
+    sums = np.concatenate([[0.0], np.cumsum(np.sort(losses))])
+    total = sums[-1] or 1.0
+    filled: Array = np.interp(shares * len(losses), np.arange(len(sums)), sums / total)
+    return filled
+
+
+def figure_4(sampled: Mapping[str, tuple[Array, Array]], gammas: list[float], path: Path) -> list[Path]:
+    """Figure 4: cumulative normalised loss of positives and of negatives, for each gamma.
+
+    Args:
+        sampled: by detector, logits of positive and of negative windows of its best focal model.
+        gammas: the loss is computed anew for each from the same posteriors.
+        path: without ending.
+    """
+    shares = np.unique(np.concatenate([np.linspace(0, 1, POINTS), np.linspace(0.998, 1, POINTS)]))
+    rows = []
+    for detector, pair in sampled.items():
+        for kind, sign, logits in zip(("positives", "negatives"), (1, -1), pair, strict=True):
+            for gamma in gammas:
+                losses = cumulative_loss(logits, sign, gamma, shares)
+                part = {"detector": detector, "windows": kind, "gamma": gamma, "share": shares, "loss": losses}
+                rows.append(pd.DataFrame(part | {"sampled": len(logits)}))
+    data = pd.concat(rows, ignore_index=True)
+    names = {f"{detector}, {kind}": (detector, kind) for detector in sampled for kind in ("positives", "negatives")}
+
+    def panel(axes: Axes, name: str) -> None:
+        detector, kind = names[name]
+        own = data[(data["detector"] == detector) & (data["windows"] == kind)]
+        for gamma, (color, marker) in zip(gammas, shades(gammas), strict=True):
+            curve = own[own["gamma"] == gamma]
+            axes.plot(
+                curve["share"],
+                curve["loss"],
+                color=color,
+                marker=marker,
+                ms=2.5,
+                markevery=0.09,
+                lw=1,
+                label=f"γ = {gamma:g}",
+            )
+        if name == "VoxelNet, negatives":
+            axes.set_xlim(0.998, 1)  # as the paper zooms
+        axes.set_xlabel(f"share of the {kind}, easiest first")
+        axes.set_ylabel("cumulative normalised loss")
+
+    return [write_data(data, path), *panels(list(names), path, panel, 7, 2.6)]
+
+
+def figure_5(posteriors: Mapping[tuple[str, float], Array], path: Path) -> list[Path]:
+    """Figure 5: histograms of the posterior probability of positive windows, by gamma; last models.
+
+    Args:
+        posteriors: by detector and gamma, of all positive windows of the validation frames.
+        path: without ending.
+    """
+    edges = np.linspace(0, 1, BINS + 1)
+    rows = []
+    for (detector, gamma), p in sorted(posteriors.items()):
+        density = np.histogram(p, bins=edges)[0] / max(1, len(p)) * BINS
+        part = {"detector": detector, "gamma": gamma, "posterior": (edges[:-1] + edges[1:]) / 2, "density": density}
+        rows.append(pd.DataFrame(part | {"positives": len(p)}))
+    data = pd.concat(rows, ignore_index=True)
+
+    def panel(axes: Axes, detector: str) -> None:
+        own = data[data["detector"] == detector]
+        gammas = sorted(own["gamma"].unique())
+        for gamma, (color, marker) in zip(gammas, shades(gammas), strict=True):
+            curve = own[own["gamma"] == gamma]
+            label = f"γ = {gamma:g}"
+            axes.plot(
+                curve["posterior"], curve["density"], color=color, marker=marker, ms=2.5, markevery=5, lw=1, label=label
+            )
+        axes.set(xlabel="posterior probability of positives", ylabel="density (log)", xlim=(0, 1), yscale="log")
+
+    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 4)]
+
+
+def imbalance_by_height(data: pd.DataFrame, path: Path) -> list[Path]:
+    """Positive windows of 3D-FCN a frame, and negatives for each of them, by height (§III-B).
+
+    Args:
+        data: ``z_low`` and ``z_high`` in metres (LiDAR frame), ``positives`` and ``negatives`` a frame.
+        path: without ending.
+    """
+    middle = (data["z_low"] + data["z_high"]) / 2
+    height = (data["z_high"] - data["z_low"]).iloc[0] * 0.8
+
+    def panel(axes: Axes, name: str) -> None:
+        if name.startswith("positives"):
+            axes.barh(middle, data["positives"], height, color=BLUE)
+            axes.set_xlabel("positive windows a frame")
+        else:
+            met = data["positives"] > 0
+            axes.barh(middle[met], (data["negatives"] / data["positives"].where(met))[met], height, color=ORANGE)
+            axes.set_xscale("log")
+            axes.set_xlabel("negative windows for each positive")
+        axes.set_ylabel("height of the window, LiDAR frame (m)")
+
+    return [write_data(data, path), *panels(["positives", "imbalance"], path, panel, 1)]
