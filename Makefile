@@ -14,7 +14,7 @@ OVERRIDES = data=$(DATA) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: help install sweep-% plan tables ui check format test test-slow test-slurm test-ray test-postgres clean
+.PHONY: help install sweep-% plan tables figures report ui check format test test-slow test-slurm test-ray test-postgres clean
 
 help:  ## list the targets
 	@echo "Targets (options: DATA=simulated|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|paper ARGS='...'):"
@@ -38,6 +38,12 @@ plan: .venv/installed  ## show what a sweep would do: stages, what is done, time
 
 tables: .venv/installed  ## make all tables again from what is stored, beside the published ones and with intervals
 	$(BIN)/python -m fl3d tables $(OVERRIDES)
+
+figures: .venv/installed  ## draw the figures from what is stored
+	$(BIN)/python -m fl3d figures $(OVERRIDES)
+
+report: .venv/installed  ## tables, figures, claims and one page of them: results/DATA-PROFILE/report.html
+	$(BIN)/python -m fl3d report $(OVERRIDES)
 
 ui: .venv/installed  ## browse every checkpoint in MLflow, on this machine alone
 	$(BIN)/python -m fl3d ui

@@ -130,6 +130,16 @@ def figures(arguments: list[str]) -> None:
     write_figures(overrides)
 
 
+def report(arguments: list[str]) -> None:
+    """Make tables, figures, claims and one page of them (report.html) of a sweep over gamma; trains nothing."""
+    parser = _parser("report", report.__doc__)
+    parser.add_argument("overrides", nargs="*", help="as for training, such as profile=quick data=kitti_sample")
+    overrides = parser.parse_args(arguments).overrides
+    from fl3d.paper.page import write_page
+
+    write_page(overrides)
+
+
 def rescore(arguments: list[str]) -> None:
     """Score a sweep's stored detections again under other protocol values; no network is run.
 
@@ -307,6 +317,7 @@ COMMANDS: dict[str, Callable[[list[str]], None]] = {
     "plan": plan,
     "tables": tables,
     "figures": figures,
+    "report": report,
     "rescore": rescore,
     "gains": gains,
     "why": why,

@@ -60,8 +60,8 @@ def stored_sweeps(overrides: list[str]) -> list[Config]:
     return found
 
 
-def write_views(config: Config, tables: list[Table], scores: pd.DataFrame, say: Callable[[str], None]) -> list[Path]:
-    """Each table beside the published one, and with intervals where the detections are stored."""
+def write_views(config: Config, tables: list[Table], scores: pd.DataFrame, say: Callable[[str], None]) -> list[Table]:
+    """Write each table beside the published one, and with intervals where the detections are stored; all of these."""
     views = [view for view in map(beside, tables) if view is not None]
     plan = names(config).plan(Path(config["store"]["root"]))
     if plan.exists():
@@ -73,7 +73,7 @@ def write_views(config: Config, tables: list[Table], scores: pd.DataFrame, say: 
     folder = results_folder(config)
     written = write_tables(views, folder)
     say(f"Written to {folder}: " + ", ".join(str(path.relative_to(folder)) for path in written))
-    return written
+    return views
 
 
 def interval_views(config: Config, tables: list[Table], scores: pd.DataFrame) -> list[Table]:
@@ -102,8 +102,8 @@ def _gains(compared: Compared, rule: str, by: str) -> pd.DataFrame:
     return table.assign(row=table["detector"] + " " + text if rule == "best" else text)
 
 
-def write_still_tables(folder: Path, say: Callable[[str], None]) -> list[Path]:
-    """Tables I, VI and VII, that need no training: traits, layers and work of the networks."""
+def write_still_tables(folder: Path, say: Callable[[str], None]) -> list[Table]:
+    """Write Tables I, VI and VII, that need no training: traits, layers and work of the networks; all of these."""
     traits = published_table("I")
     columns = (
         Column("property", ""),
@@ -118,4 +118,5 @@ def write_still_tables(folder: Path, say: Callable[[str], None]) -> list[Path]:
         tables.append(layer_table(number, lambda config=config: build_detector(config)))  # type: ignore[misc]
     for table in tables[1:]:
         say("\n" + to_markdown(table))
-    return write_tables(tables, folder)
+    write_tables(tables, folder)
+    return tables

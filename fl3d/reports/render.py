@@ -31,7 +31,8 @@ def to_markdown(table: Table) -> str:
     """GitHub Markdown."""
     heads = [f"{column.group} {column.head}".strip() for column in table.columns]
     rule = "|" + "|".join("---:" if column.is_number else "---" for column in table.columns) + "|"
-    lines = [f"**Table {table.number}.** {_sentence(table)}", "", _line(heads), rule]
+    title = f"**{table.title}** " if table.title else ""
+    lines = [title + _sentence(table), "", _line(heads), rule]
     lines += [_line([_markdown(cell) for cell in row]) for row in table.rows]
     if table.notes:
         lines += ["", *(f"{note}  " for note in table.notes)]
@@ -98,17 +99,19 @@ def _latex(text: str) -> str:
 def to_html(table: Table) -> str:
     """An element for a page."""
     groups = [(name, len(list(columns))) for name, columns in groupby(table.columns, lambda column: column.group)]
-    lines = [f"<figure class='table' id='table-{table.name}'><table>"]
-    lines += [f"<caption><b>Table {table.number}.</b> {html.escape(_sentence(table))}</caption><thead>"]
+    title = f"<b>{table.title}</b> " if table.title else ""
+    lines = [f"<figure id='table-{table.name}'><figcaption>{title}{html.escape(_sentence(table))}</figcaption>"]
+    lines += ["<div class='scroll'><table><thead>"]
     if any(name for name, _ in groups):
-        lines += ["<tr>" + "".join(f"<th colspan='{n}'>{html.escape(name)}</th>" for name, n in groups) + "</tr>"]
-    lines += ["<tr>" + "".join(f"<th>{html.escape(column.head)}</th>" for column in table.columns) + "</tr></thead>"]
-    lines += ["<tbody>"]
+        spans = (f"<th class='group' colspan='{n}'>{html.escape(name)}</th>" for name, n in groups)
+        lines += ["<tr>" + "".join(spans) + "</tr>"]
+    heads = (f"<th{' class=number' if c.is_number else ''}>{html.escape(c.head)}</th>" for c in table.columns)
+    lines += ["<tr>" + "".join(heads) + "</tr></thead>", "<tbody>"]
     for row in table.rows:
         cells = zip(row, table.columns, strict=True)
         lines += ["<tr>" + "".join(_html_cell(cell, column.is_number) for cell, column in cells) + "</tr>"]
-    lines += ["</tbody></table>", *(f"<p class='note'>{html.escape(note)}</p>" for note in table.notes), "</figure>"]
-    return "\n".join(lines) + "\n"
+    notes = [f"<p class='note'>{html.escape(note)}</p>" for note in table.notes]
+    return "\n".join([*lines, "</tbody></table></div>", *notes, "</figure>"]) + "\n"
 
 
 def _html_cell(cell: Cell, is_number: bool) -> str:

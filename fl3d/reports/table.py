@@ -63,8 +63,13 @@ class Table:
 
     @property
     def number(self) -> str:
-        """Of the paper's table: ``II``."""
+        """Of the paper's table: ``II``; of a table that the paper has not, its name."""
         return self.name.partition("_")[0]
+
+    @property
+    def title(self) -> str:
+        """``Table II.``, or nothing for a table that the paper has not."""
+        return f"Table {self.number}." if set(self.number) <= set("IVX") else ""
 
     def column(self, key: str) -> tuple[Cell, ...]:
         """The cells of one column."""

@@ -22,7 +22,7 @@ from fl3d.training.precision import multiplying
 from fl3d.training.reproducibility import prepare
 from fl3d.training.trainer import to_device
 
-POSITIVES, NEGATIVES = 100_000, 10_000_000  # sampled at most (paper, §VI-C)
+POSITIVES, NEGATIVES = 100_000, 10_000_000  # sampled at most (paper, §VI-B)
 
 
 @dataclass(frozen=True)

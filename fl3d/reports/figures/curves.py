@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from fl3d.reports.figures.style import BLUE, ORANGE, panels, shades, write_data
+from fl3d.reports.honest import best_of_k
 from fl3d.reports.selection import select
 from fl3d.reports.table import AP_COLUMNS
 
@@ -139,3 +140,29 @@ def precision_recall(curves: pd.DataFrame, path: Path) -> list[Path]:
         axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02))
 
     return [write_data(curves, path), *panels(sorted(curves["detector"].unique()), path, panel, 4)]
+
+
+def best_of_k_figure(scores: pd.DataFrame, path: Path) -> list[Path]:
+    """Mean 3D AP moderate of the best of k checkpoints of a trial's whole curve: what looking k times is worth.
+
+    Args:
+        scores: tidy; seeds are averaged.
+        path: without ending.
+    """
+    rows = []
+    for (detector, gamma, seed), own in scores.groupby(["detector", "gamma", "seed"]):
+        means = best_of_k(own["ap_3d/moderate"].to_numpy())
+        part = {"detector": detector, "gamma": gamma, "seed": seed, "k": np.arange(1, len(means) + 1), "best": means}
+        rows.append(pd.DataFrame(part))
+    data = pd.concat(rows, ignore_index=True).groupby(["detector", "gamma", "k"])["best"].mean().reset_index()
+
+    def panel(axes: Axes, detector: str) -> None:
+        own = data[data["detector"] == detector]
+        gammas = sorted(own["gamma"].unique())
+        for gamma, (color, marker) in zip(gammas, shades(gammas), strict=True):
+            curve = own[own["gamma"] == gamma]
+            axes.plot(curve["k"], curve["best"], color=color, marker=marker, ms=2.5, lw=1, label=f"γ = {gamma:g}")
+        axes.set_xlabel("checkpoints looked at, k")
+        axes.set_ylabel("best 3D AP moderate, mean (%)")
+
+    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 4)]

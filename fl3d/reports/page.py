@@ -1,0 +1,99 @@
+"""One HTML page that needs no network: sections of tables, figures and text; readable on a phone and on paper. Pure."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+STYLE = """
+:root { color-scheme: light; }
+body { font: 16px/1.5 system-ui, sans-serif; color: #1b1b1b; margin: 0 auto; max-width: 64rem; padding: 1rem; }
+h1 { font-size: 1.6rem; line-height: 1.2; } h2 { margin-top: 2.5rem; border-bottom: 1px solid #bbb; }
+nav { display: flex; flex-wrap: wrap; gap: .2rem .9rem; }
+figure { margin: 1rem 0; } .scroll { overflow-x: auto; }
+figure img { max-width: 100%; height: auto; display: block; margin: auto; }
+figcaption { font-size: .9rem; margin: .4rem 0; }
+table { border-collapse: collapse; font-size: .85rem; font-variant-numeric: tabular-nums; }
+thead { border-top: 2px solid; border-bottom: 1px solid; } tbody { border-bottom: 2px solid; }
+th, td { padding: .15rem .5rem; text-align: left; white-space: nowrap; }
+.number { text-align: right; } .group { text-align: center; }
+#table-claims td { white-space: normal; min-width: 7rem; vertical-align: top; }
+.note { font-size: .8rem; color: #444; margin: .3rem 0; } code, pre { font-size: .85rem; }
+pre { overflow-x: auto; background: #f4f4f4; padding: .6rem; } summary { cursor: pointer; margin: .5rem 0; }
+@media print {
+  body { max-width: none; font-size: 10pt; padding: 0; } nav, summary { display: none; }
+  table { font-size: 7pt; } th, td { padding: .05rem .25rem; } figure { break-inside: avoid; }
+  a { color: inherit; text-decoration: none; }
+}
+"""
+OPEN_ON_PAPER = "onbeforeprint = () => document.querySelectorAll('details').forEach(d => d.open = true)"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page.
+
+    Args:
+        title: its heading.
+        parts: HTML, one after the other.
+    """
+
+    title: str
+    parts: tuple[str, ...]
+
+    @property
+    def anchor(self) -> str:
+        """Where links to it point."""
+        return "".join(c if c.isalnum() else "-" for c in self.title.lower())
+
+
+def picture(path: Path, caption: str) -> str:
+    """A PNG within the page."""
+    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    text = html.escape(caption)
+    return f"<figure><img alt='{text}' src='data:image/png;base64,{data}'><figcaption>{text}</figcaption></figure>"
+
+
+def folded(title: str, part: str) -> str:
+    """A part that is opened by a click, and open on paper."""
+    return f"<details><summary>{html.escape(title)}</summary>{part}</details>"
+
+
+def paragraph(text: str) -> str:
+    """A paragraph of plain text."""
+    return f"<p>{html.escape(text)}</p>"
+
+
+def listing(items: Sequence[str]) -> str:
+    """Items of plain text."""
+    return "<ul>" + "".join(f"<li>{html.escape(item)}</li>" for item in items) + "</ul>"
+
+
+def preformatted(text: str) -> str:
+    """Text as it is."""
+    return f"<pre>{html.escape(text)}</pre>"
+
+
+def link(address: str, text: str) -> str:
+    """A paragraph that is a link."""
+    return f"<p><a href='{html.escape(address, quote=True)}'>{html.escape(text)}</a></p>"
+
+
+def page(title: str, lead: str, sections: Sequence[Section]) -> str:
+    """The whole document."""
+    contents = "".join(f"<a href='#{section.anchor}'>{html.escape(section.title)}</a>" for section in sections)
+    body = "\n".join(
+        f"<section id='{section.anchor}'><h2>{html.escape(section.title)}</h2>\n"
+        + "\n".join(section.parts)
+        + "</section>"
+        for section in sections
+    )
+    return (
+        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{html.escape(title)}</title>"
+        f"<meta name='viewport' content='width=device-width, initial-scale=1'><style>{STYLE}</style></head>\n"
+        f"<body><h1>{html.escape(title)}</h1><p>{html.escape(lead)}</p><nav>{contents}</nav>\n{body}\n"
+        f"<script>{OPEN_ON_PAPER}</script></body></html>\n"
+    )
