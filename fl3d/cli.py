@@ -281,6 +281,23 @@ def simulate(arguments: list[str]) -> None:
     print(options.out)
 
 
+def predict(arguments: list[str]) -> None:
+    """Let a trained detector look at clouds: writes KITTI result files, and a picture of each cloud with its boxes."""
+    parser = _parser("predict", predict.__doc__)
+    parser.add_argument("checkpoint", type=Path, help="a stage's folder, runs/stages/NAME (its last), or its .pt file")
+    parser.add_argument("clouds", type=Path, help="a .bin file, a folder of them, or a KITTI folder")
+    parser.add_argument("--out", type=Path, default=Path("predictions"), help="folder (default: predictions)")
+    parser.add_argument("--score", type=float, default=0.5, help="boxes from this posterior on (default: 0.5)")
+    parser.add_argument("--calib", type=Path, help="of clouds that have none beside them (default: KITTI's mean)")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    parser.add_argument("--no-pictures", action="store_true", help="write result files alone")
+    given = parser.parse_args(arguments)
+    from fl3d.predict import predict as look
+
+    drawn = not given.no_pictures
+    look(given.checkpoint, given.clouds, given.out, given.score, given.calib, given.device, drawn)
+
+
 def ui(arguments: list[str]) -> None:
     """Browse the store in MLflow's user interface, on this machine alone."""
     from fl3d.errors import StoreError
@@ -325,6 +342,7 @@ COMMANDS: dict[str, Callable[[list[str]], None]] = {
     "clean": clean,
     "evaluate": evaluate,
     "simulate": simulate,
+    "predict": predict,
     "ui": ui,
     "stage": stage,
 }

@@ -17,7 +17,7 @@ FLOORS = [
     {"store", "reports"},
     {"results"},
     {"sweep", "rescore"},
-    {"pipeline", "preview", "gains", "evidence", "cleaning"},
+    {"pipeline", "preview", "gains", "evidence", "cleaning", "predict"},
     {"paper"},
     {"cli"},
     {"__main__"},

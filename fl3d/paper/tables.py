@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from fl3d.config import CONF, compose_config
-from fl3d.errors import StoreError
+from fl3d.errors import DataError, StoreError
 from fl3d.gains import Compared, compare_sweep, gains
 from fl3d.records import Config
 from fl3d.reports.beside import beside
@@ -63,11 +63,10 @@ def stored_sweeps(overrides: list[str]) -> list[Config]:
 def write_views(config: Config, tables: list[Table], scores: pd.DataFrame, say: Callable[[str], None]) -> list[Table]:
     """Write each table beside the published one, and with intervals where the detections are stored; all of these."""
     views = [view for view in map(beside, tables) if view is not None]
-    plan = names(config).plan(Path(config["store"]["root"]))
-    if plan.exists():
+    try:
         views += interval_views(config, tables, scores)
-    else:
-        say(f"No intervals: {plan} is not here, and they are made from stored detections.")
+    except (DataError, StoreError) as error:
+        say(f"No intervals, which need stored detections and the data's labels: {error}")
     for view in views:
         say("\n" + to_markdown(view))
     folder = results_folder(config)

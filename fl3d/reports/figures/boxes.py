@@ -41,7 +41,10 @@ class Scene:
 
 
 def figure_1(
-    models: dict[str, list[Scene]], beyond: tuple[float, float, float, float] | None, path: Path
+    models: dict[str, list[Scene]],
+    beyond: tuple[float, float, float, float] | None,
+    path: Path,
+    endings: tuple[str, ...] = (".png", ".pdf"),
 ) -> list[Path]:
     """Figure 1: for each model a row of pictures with projected boxes and a row of the same frames from above.
 
@@ -49,13 +52,14 @@ def figure_1(
         models: by name, the same frames for each.
         beyond: area of the evaluation, or None.
         path: without ending.
+        endings: of the files.
     """
     n = len(next(iter(models.values())))
     with plt.rc_context(STYLE):
         figure, grid = plt.subplots(
             2 * len(models),
             n,
-            figsize=(2.4 * n, 2.9 * len(models)),
+            figsize=(max(4.0, 2.4 * n), 2.9 * max(1.4 if n == 1 else 1.0, len(models))),
             squeeze=False,
             layout="constrained",
             height_ratios=[0.75, 2.1] * len(models),
@@ -69,7 +73,7 @@ def figure_1(
                 if k + 1 < len(models):
                     grid[2 * k + 1, column].set(xlabel="", xticks=[])
             grid[2 * k, 0].set_title(name, loc="left")
-        return save(figure, path)
+        return save(figure, path, endings)
 
 
 def _on_picture(axes: Axes, scene: Scene) -> None:
