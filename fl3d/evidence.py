@@ -23,7 +23,7 @@ from fl3d.store.tracking import Store
 from fl3d.training.checkpoints import read_marker
 from fl3d.training.run import detect_again
 
-RULES = {"II": "last", "III": "last", "IV": "best"}
+RULES = {"II": "last", "III": "last", "IV": "best", "V": "last"}
 
 
 def why(config: Config, table: str, row: Mapping[str, str], metric: str, say: Callable[[str], None] = print) -> None:
@@ -31,8 +31,8 @@ def why(config: Config, table: str, row: Mapping[str, str], metric: str, say: Ca
 
     Args:
         config: names the sweep, its data and profile, and the protocol.
-        table: of the paper: II, III or IV.
-        row: what picks the row: ``gamma``, and where there are several ``detector`` and ``seed``.
+        table: of the paper: II, III, IV or V.
+        row: what picks the row: ``gamma`` (of V ``normalize``), and where there are several ``detector`` and ``seed``.
         metric: such as ``3d/moderate``.
         say: prints a line for the user.
 
@@ -88,9 +88,12 @@ def _rows(chosen: pd.DataFrame, row: Mapping[str, str]) -> pd.DataFrame:
         if value not in set(texts):
             raise ConfigError(f"{key}={value}: no such row. {options(value, set(texts))}")
         chosen = chosen[texts == value]
-    points = chosen.drop_duplicates(["detector", "gamma"])
+    points = chosen.drop_duplicates(["detector", "gamma", "normalize"])
     if len(points) > 1:
-        rows = "; ".join(f"detector={r.detector} gamma={r.gamma:g}" for r in points.itertuples())
+        forms = chosen["normalize"].nunique() > 1
+        heads = [f"detector={r.detector} gamma={r.gamma:g}" for r in points.itertuples()]
+        ends = [f" normalize={value}" * forms for value in points["normalize"]]
+        rows = "; ".join(head + end for head, end in zip(heads, ends, strict=True))
         raise ConfigError(f"several rows fit; name one: {rows}")
     return chosen
 

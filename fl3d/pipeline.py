@@ -168,13 +168,23 @@ class Sweep:
     def _scoreboard(self) -> Scoreboard:
         return Scoreboard(self.stages_root, read_validation(self._folder(), self.data.val_ids), self.protocol)
 
+    def _note(self) -> str:
+        """What MLflow shows above the experiment's runs, as Markdown."""
+        sweep, data, profile = self.config["sweep"], self.config["data"]["name"], self.config["profile"]["name"]
+        feeds = ", ".join(f"Table {number}" for number in sweep["tables"]) or "no table of the paper"
+        target = f"`make sweep-{sweep['name']} DATA={data} PROFILE={profile}`" if sweep["tables"] else "started by hand"
+        return (
+            f"**{sweep['question'] or 'Trials started by hand.'}** Feeds {feeds}.\n\n"
+            f"Command: {target}; then `make report DATA={data} PROFILE={profile}`. One run is one trial; "
+            f"`ap_3d/moderate` over steps is its curve, the models *last* and *best* are its checkpoints in the tables. "
+            f"Protocol {self.protocol.id}."
+        )
+
     def _recorder(self, scores: Scoreboard) -> Recorder:
-        sweep = self.config["sweep"]
-        note = f"{sweep['question'] or 'Trials started by hand.'}\n\nFeeds: {', '.join(sweep['tables']) or 'no table'}."
         changes = uncommitted() if "fl3d.diff" in self.provenance else ""
         return Recorder(
             self.store,
-            self.store.experiment(self.names.experiment, note),
+            self.store.experiment(self.names.experiment, self._note()),
             scores,
             self.config["selection"]["stages"],
             self.planner.detector_names(),
