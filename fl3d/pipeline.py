@@ -170,7 +170,8 @@ class Sweep:
 
     def _note(self) -> str:
         """What MLflow shows above the experiment's runs, as Markdown."""
-        sweep, data, profile = self.config["sweep"], self.config["data"]["name"], self.config["profile"]["name"]
+        sweep = self.config["sweep"]
+        data, profile = self.config["data"]["name"], self.config["profile"]["name"]
         feeds = ", ".join(f"Table {number}" for number in sweep["tables"]) or "no table of the paper"
         target = f"`make sweep-{sweep['name']} DATA={data} PROFILE={profile}`" if sweep["tables"] else "started by hand"
         return (
