@@ -177,7 +177,7 @@ class Sweep:
         return (
             f"**{sweep['question'] or 'Trials started by hand.'}** Feeds {feeds}.\n\n"
             f"Command: {target}; then `make report DATA={data} PROFILE={profile}`. One run is one trial; "
-            f"`ap_3d/moderate` over steps is its curve, the models *last* and *best* are its checkpoints in the tables. "
+            f"`ap_3d/moderate` over steps is its curve; the models *last* and *best* are what the tables show. "
             f"Protocol {self.protocol.id}."
         )
 
