@@ -39,7 +39,7 @@ from fl3d.sweep.identity import result_config
 from fl3d.training.build import build_detector, build_optimizer, build_schedule
 from fl3d.training.precision import multiplying
 from fl3d.training.reproducibility import prepare
-from fl3d.training.trainer import Trainer, to_device
+from fl3d.training.trainer import Trainer, detect_frames, to_device
 
 NETWORKS = ("voxelnet", "fcn3d")
 # compute, precision, compiled; the first is what a sweep does unless told otherwise
@@ -73,7 +73,11 @@ def main() -> None:
         common = {"device": arguments.device, "size": arguments.size}
         print(f"{card(arguments.device)}, torch {torch.__version__}, frames of the simulator, profile {arguments.size}")
         ends = {name: started + seconds * (k + 1) / len(NETWORKS) for k, name in enumerate(NETWORKS)}
-        print(json.dumps({name: report(Path(folder), name, common, end) for name, end in ends.items()}))
+        found = {name: report(Path(folder), name, common, end) for name, end in ends.items()}
+        hours = [one.get("sweep_hours") for one in found.values()]
+        if None not in hours:
+            print(f"the paper's whole sweep: {sum(hours):.1f} h")
+        print(json.dumps(found))
 
 
 def report(folder: Path, name: str, common: dict[str, Any], deadline: float) -> dict[str, Any]:
@@ -105,10 +109,11 @@ def report(folder: Path, name: str, common: dict[str, Any], deadline: float) -> 
         print(
             f"  {name:8s} {label:22s} {rate['steps_per_second']:8.2f} steps/s, {rate['waiting']:6.1%} of them waiting"
         )
-    rate = max([1 / best["step"], *(r["steps_per_second"] for r in found["shared"].values())])
-    looks = EPOCHS * VAL * best["look"] * (1 / best["step"]) / rate  # shared like steps are
+    rates = [r["steps_per_second"] for label, r in found["shared"].items() if label.endswith("at once")]
+    rate = max(rates, default=1 / best["step"])
+    looks = EPOCHS * VAL * best["look"] * min(1.0, (1 / best["step"]) / rate)  # shared as steps are
     found["sweep_hours"] = round((EPOCHS * TRAIN / rate + looks) / 3600, 2)
-    print(f"  {name:8s} the paper's sweep at that rate: {found['sweep_hours']} h")
+    print(f"  {name:8s} its half of the paper's sweep at that rate: {found['sweep_hours']} h")
     return found
 
 
@@ -116,7 +121,7 @@ def shared(folder: Path, one: dict[str, Any], deadline: float) -> list[tuple[str
     """Steps in a second of several stages at once on one card, each a process; and packed in one."""
     found = []
     for count in AT_ONCE:
-        running = [start(folder, "train", one | {"seconds": 8}) for _ in range(count)]
+        running = [start(folder, "train", one | {"seconds": 8, "index": k, "count": count}) for k in range(count)]
         ended = [result for result in (finish(process, deadline) for process in running) if result is not None]
         if len(ended) == count:
             rate = sum(result["steps_per_second"] for result in ended)
@@ -140,7 +145,7 @@ def finish(process: subprocess.Popen[str], deadline: float) -> dict[str, Any] | 
         tqdm.write(f"  left out for lack of time: {' '.join(process.args[4:])}")  # type: ignore[arg-type, index]
         return None
     if process.returncode != 0:
-        tqdm.write(f"  failed: {problem.strip().splitlines()[-1]}")
+        tqdm.write(f"  failed: {(problem.strip().splitlines() or [f'exit code {process.returncode}'])[-1]}")
         return None
     found: dict[str, Any] = json.loads(out.splitlines()[-1])
     return found
@@ -187,14 +192,16 @@ def steps(folder: Path, **way: Any) -> dict[str, float]:
         torch.stack(list(terms.values())).sum().backward()
         optimizer.step()
 
-    def look(batch: Any) -> None:
-        with torch.no_grad(), multiplying(config["precision"], config["device"]):
-            detector(batch)
-
     step_seconds = timed(step, batches, config["device"])
     memory = torch.cuda.max_memory_allocated() / 1e9 if config["device"] != "cpu" else 0.0
-    detector.eval()
-    return {"step": step_seconds, "look": timed(look, batches, config["device"]), "gigabytes": memory}
+    kitti = KittiFolder(folder)
+    frames, limits = Frames(kitti, kitti.split("train"), FRAMES), config["detections"]
+    where = config["device"], config["precision"], 1, 0 if config["device"] == "cpu" else 4
+    started = time.perf_counter()
+    detect_frames(detector, frames, limits["max_boxes"], limits["min_score"], *where)
+    synchronize(config["device"])
+    look = (time.perf_counter() - started) / len(frames)
+    return {"step": step_seconds, "look": look, "gigabytes": memory}
 
 
 def packed(folder: Path, count: int, **way: Any) -> dict[str, float]:
@@ -216,7 +223,7 @@ def packed(folder: Path, count: int, **way: Any) -> dict[str, float]:
     return {"steps_per_second": count / timed(step, batches, config["device"]), "waiting": 0.0}
 
 
-def train(folder: Path, seconds: float, **way: Any) -> dict[str, float]:
+def train(folder: Path, seconds: float, index: int, count: int, **way: Any) -> dict[str, float]:
     """Steps in a second of the trainer, its input made by loader processes, and the share of time it waited."""
     config = config_of(**way)
     prepare(0, config["device"], config["precision"])
@@ -237,6 +244,10 @@ def train(folder: Path, seconds: float, **way: Any) -> dict[str, float]:
     for _ in range(2):  # what is compiled or allocated once
         trainer.train_epoch(lambda: None)
     synchronize(config["device"])
+    ready = [folder / f"ready-{way['name']}-{count}-{k}" for k in range(count)]
+    ready[index].touch()
+    while not all(path.exists() for path in ready):  # all are warm: from here on they share the card
+        time.sleep(0.01)
     trainer.waited, before, started = 0.0, trainer.step, time.perf_counter()
     while time.perf_counter() - started < seconds:
         trainer.train_epoch(lambda: None)

@@ -32,11 +32,22 @@ def compare_sweep(config: Config, steps: Mapping[str, int] | None = None, by: st
     seen: dict[tuple[str, ...], Validation] = {}
     compared: Compared = {}
     for paths in finished_trials(config):
+        if steps is not None and paths.folder.name not in steps:
+            continue  # finished, and not yet in the store
         trial = front(paths)
         step = steps[paths.folder.name] if steps is not None else None
         comparison = compare_stored(*stored_with_validation(paths, seen, step), protocol)
         compared.setdefault((trial["detector"], trial[by]), {})[trial["seed"]] = comparison
     return compared
+
+
+def comparable(compared: Compared) -> Compared:
+    """What has a gain: the rest has no trial with gamma = 0, or none of the same seed."""
+    return {
+        (detector, gamma): by_seed
+        for (detector, gamma), by_seed in compared.items()
+        if set(by_seed) & set(compared.get((detector, 0.0), {}))
+    }
 
 
 def gains(compared: Compared, n_resamples: int = 1000) -> pd.DataFrame:

@@ -15,7 +15,7 @@ from fl3d.data.calibration import MEAN, read_calibration
 from fl3d.data.kitti import IMAGE_SIZE, Frame, read_cloud
 from fl3d.data.labels import Labels, labels_from_columns, read_labels, write_labels
 from fl3d.detectors.base import Detector
-from fl3d.errors import CheckpointError, DataError
+from fl3d.errors import CheckpointError, ConfigError, DataError
 from fl3d.evaluation.detections import to_labels
 from fl3d.evaluation.protocol import Protocol
 from fl3d.files import write_atomically
@@ -60,11 +60,14 @@ def predict(
     Raises:
         CheckpointError: no checkpoint there.
         DataError: no clouds there, or one cannot be read.
+        ConfigError: a device that is not there.
     """
     paths, step = _checkpoint(checkpoint)
     spec = json.loads(paths.spec.read_text())
     stage = Stage(**spec["stage"])
-    found = _clouds(clouds)
+    if device != "cpu" and not (device.startswith("cuda") and torch.cuda.is_available()):
+        raise ConfigError(f"--device {device}: possible here: cpu" + (", cuda" if torch.cuda.is_available() else ""))
+    found = _clouds(clouds.resolve())
     protocol = Protocol(**{**spec["machine"]["protocol"], "score_threshold": score, "image_box": "clipped"})
     precision = stage.config.get("precision", "float32")
     prepare(stage.config["seed"], device, precision)

@@ -93,12 +93,28 @@ def stored_with_validation(
         step: of the checkpoint; None: the last.
     """
     spec = json.loads(paths.spec.read_text())
-    detections = read_detections(paths.detections(paths.steps()[-1] if step is None else step))
+    step = paths.steps()[-1] if step is None else step
+    detections = read_detections(stage_at(paths, step).detections(step))
     if detections.frame_ids not in seen:
         data = spec["stage"]["config"]["data"]
         folder = KittiFolder(Path(spec["machine"]["data_root"]), data["crop"], data["calibration"])
         seen[detections.frame_ids] = read_validation(folder, detections.frame_ids)
     return detections, seen[detections.frame_ids]
+
+
+def stage_at(paths: StagePaths, step: int) -> StagePaths:
+    """The stage of a trial that holds a checkpoint: its last one, or one that it goes on from.
+
+    Raises:
+        StoreError: none does.
+    """
+    holder: StagePaths | None = paths
+    while holder is not None and step not in holder.steps():
+        parent = json.loads(holder.spec.read_text())["stage"]["parent"]
+        holder = StagePaths(holder.folder.parent / parent) if parent else None
+    if holder is None:
+        raise StoreError(f"{paths.folder}: no checkpoint of it or of what it goes on from is at step {step}")
+    return holder
 
 
 def rescored_to_markdown(scores: pd.DataFrame, changes: Sequence[str], metric: str) -> str:

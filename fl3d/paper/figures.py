@@ -17,14 +17,15 @@ from fl3d.errors import StoreError
 from fl3d.evaluation.average_precision import N_SAMPLES
 from fl3d.evaluation.detections import read_detections, to_labels
 from fl3d.evaluation.protocol import Protocol
-from fl3d.gains import compare_sweep, gains
+from fl3d.gains import comparable, compare_sweep, gains
+from fl3d.paper.index import write_index
 from fl3d.records import Config, StagePaths
 from fl3d.reports.figures.boxes import Scene, figure_1
 from fl3d.reports.figures.curves import ap_over_cut, ap_over_gamma, ap_over_steps, precision_recall
 from fl3d.reports.figures.windows import figure_4, figure_5, imbalance_by_height
 from fl3d.reports.selection import select
 from fl3d.reports.tables import LAST_TABLES, best_pairs
-from fl3d.rescore import finished_trials, front, rescore
+from fl3d.rescore import finished_trials, front, rescore, stage_at
 from fl3d.results import results_folder, scores_of
 from fl3d.training.build import build_detector
 from fl3d.training.windows import windows_of
@@ -53,7 +54,7 @@ def write_figures(overrides: list[str], say: Callable[[str], None] = print) -> l
     folder, stages = results_folder(config) / "figures", config["selection"]["stages"]
     compared = compare_sweep(config)
     written = ap_over_steps(scores, folder / "ap_over_steps", stages)
-    written += ap_over_gamma(scores, folder / "ap_over_gamma", gains(compared))
+    written += ap_over_gamma(scores, folder / "ap_over_gamma", gains(comparable(compared)))
     written += ap_over_cut(rescore(config, {"score_threshold": CUTS}), folder / "ap_over_cut")
     rows = []
     for (detector, gamma), by_seed in sorted(compared.items()):
@@ -65,6 +66,7 @@ def write_figures(overrides: list[str], say: Callable[[str], None] = print) -> l
     written += _cumulative_losses(config, scores, folder)
     written += imbalance_by_height(_heights(trials[0]), folder / "imbalance_by_height")
     written += _scenes(config, scores, folder)
+    write_index(Path(config["results"]))
     say(f"Written to {folder}: " + ", ".join(path.name for path in written))
     return written
 
@@ -84,7 +86,7 @@ def _cumulative_losses(config: Config, scores: pd.DataFrame, folder: Path) -> li
     sampled = {}
     for detector, trial, step, gamma in _best(config, scores):
         if gamma > 0:
-            found = windows_of(StagePaths(Path(config["store"]["root"]) / "stages" / trial), step)
+            found = windows_of(stage_at(StagePaths(Path(config["store"]["root"]) / "stages" / trial), step), step)
             sampled[detector] = found.positive, found.negative
     return figure_4(sampled, sorted(scores["gamma"].unique()), folder / "figure_4")
 
@@ -128,7 +130,7 @@ def _scenes(config: Config, scores: pd.DataFrame, folder: Path) -> list[Path]:
         machine = json.loads(paths.spec.read_text())["machine"]
         data = config["data"]
         kitti = KittiFolder(Path(machine["data_root"]), data["crop"], data["calibration"])
-        stored = read_detections(paths.detections(step))
+        stored = read_detections(stage_at(paths, step).detections(step))
         cars = [(kitti.read_labels(i).types == "Car").sum() for i in stored.frame_ids]
         scenes = []
         for index in np.argsort(-np.array(cars), kind="stable")[:SHOWN]:

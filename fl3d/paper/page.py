@@ -16,13 +16,13 @@ from fl3d.paper.claims import claims_of
 from fl3d.paper.figures import write_figures
 from fl3d.paper.honest import write_honest
 from fl3d.paper.index import write_index
-from fl3d.paper.tables import write_still_tables, write_views
-from fl3d.records import Config
+from fl3d.paper.tables import refuse_without_tables, stored_sweeps, write_still_tables, write_views
+from fl3d.records import Config, StagePaths
 from fl3d.reports.page import Section, folded, link, listing, page, paragraph, picture, preformatted
 from fl3d.reports.render import to_html
 from fl3d.reports.table import Table
 from fl3d.reports.write import NAMED, write_tables
-from fl3d.rescore import finished_trials
+from fl3d.rescore import finished_trials, stored_with_validation
 from fl3d.results import names, report_from_store, results_folder
 from fl3d.store.tracking import Store
 from fl3d.training.checkpoints import read_marker
@@ -30,9 +30,9 @@ from fl3d.training.checkpoints import read_marker
 CAPTIONS = {
     "figure_1_3dfcn": "Figure 1. 3D-FCN: BCE above, focal loss below; ground truth purple, estimates blue.",
     "figure_1_voxelnet": "Figure 1. VoxelNet: BCE above, focal loss below; ground truth purple, estimates blue.",
-    "ap_over_gamma": "AP of the last models against γ; bars: 95 % intervals of the 3D APs; thin lines: γ = 0.",
+    "ap_over_gamma": "AP of the last models against γ; bars: 95 % intervals of 3D moderate; thin lines: γ = 0.",
     "ap_over_steps": "3D AP moderate of every checkpoint; the dotted line is where the focal loss sets in.",
-    "best_of_k": "What looking at k checkpoints is worth: mean of the best of k, over a trial's whole curve.",
+    "best_of_k": "Mean of the best of k checkpoints of a trial's whole curve: much of the rise is training itself.",
     "precision_recall": "Precision against recall of the last models, 3D moderate.",
     "ap_over_cut": "3D AP moderate against the score below which detections are dropped.",
     "figure_4": "Figure 4. Cumulative normalised loss of the best focal models' windows, under each γ.",
@@ -54,12 +54,20 @@ def write_page(overrides: list[str], say: Callable[[str], None] = print) -> Path
     chosen = any(override.startswith("+sweep=") for override in overrides)
     config = compose_config(overrides if chosen else [*overrides, "+sweep=gamma"])
 
+    refuse_without_tables(config)
+    stored_with_validation(finished_trials(config)[0], {})  # what cannot be made is not begun
+
     def quiet(line: str) -> None:
-        if line.startswith("Written"):
+        if line.startswith(("Written", "From", "No ")):
             say(line)
 
     tables, scores = report_from_store(config, quiet)
     views = write_views(config, tables, scores, quiet)
+    for other in stored_sweeps([o for o in overrides if not o.startswith("+sweep=")]):
+        if other["sweep"]["name"] != config["sweep"]["name"]:  # Table V
+            more_tables, more_scores = report_from_store(other, quiet)
+            tables = [*tables, *more_tables]
+            views += write_views(other, more_tables, more_scores, quiet)
     still = write_still_tables(results_folder(config), quiet)
     pictures = {path.stem: path for path in write_figures(overrides, quiet) if path.suffix == ".png"}
     honest, more = write_honest(config, scores)
@@ -74,7 +82,7 @@ def write_page(overrides: list[str], say: Callable[[str], None] = print) -> Path
         Section("Claims of the paper", (to_html(claims),)),
         Section("Last, best and honest best", (to_html(honest),)),
         Section("Networks", tuple(to_html(table) for table in still)),
-        Section("Plan and provenance", _provenance(config)),
+        Section("Plan and provenance", _provenance(config, overrides)),
     ]
     sweep = config["sweep"]
     write_text(path, page(f"{sweep['name']}: {names(config).results}", sweep["question"] or "", sections))
@@ -112,13 +120,17 @@ def _tables(tables: list[Table], views: list[Table]) -> tuple[str, ...]:
     return tuple(parts)
 
 
-def _provenance(config: Config) -> tuple[str, ...]:
+def _provenance(config: Config, overrides: list[str]) -> tuple[str, ...]:
     """Commands, where the trials were made, and where MLflow shows them."""
-    sweep, called = config["sweep"], names(config)
-    data, profile = config["data"]["name"], config["profile"]["name"]
-    command = f"make sweep-{sweep['name']} DATA={data} PROFILE={profile}\nmake report DATA={data} PROFILE={profile}"
+    called, given = names(config), " ".join(o for o in overrides if not o.startswith("+sweep="))
+    sweep = f"+sweep={config['sweep']['name']}"
+    command = f"python -m fl3d -m {sweep} {given}\npython -m fl3d report {sweep} {given}"
+    root = Path(config["store"]["root"])
+    keys = {key for trial in json.loads(called.plan(root).read_text())["trials"] for key in trial["stages"]}
     stages, made = [], set()
-    for paths in finished_trials(config):
+    for paths in [StagePaths(root / "stages" / key) for key in sorted(keys)]:
+        if not paths.done.exists():
+            continue
         spec = json.loads(paths.spec.read_text())["stage"]
         marker = read_marker(paths, paths.steps()[-1]).made_by
         commit = marker.get("mlflow.source.git.commit", "unknown")[:12]
@@ -145,6 +157,7 @@ def _attach(config: Config, path: Path) -> None:
     raw: pd.DataFrame = store.read(names(config).experiment, list(NAMED))
     if raw.empty:
         return
+    raw = raw[raw["tags.fl3d.protocol"] == Protocol(**config["protocol"]).id]
     done = {paths.folder.name for paths in finished_trials(config)}
     store.open()
     for run in sorted(set(raw[raw["tags.fl3d.trial"].isin(done)]["run_uuid"])):

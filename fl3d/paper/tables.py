@@ -9,9 +9,11 @@ import pandas as pd
 
 from fl3d.config import CONF, compose_config
 from fl3d.errors import DataError, StoreError
-from fl3d.gains import Compared, compare_sweep, gains
+from fl3d.gains import Compared, comparable, compare_sweep, gains
+from fl3d.paper.index import write_index
 from fl3d.records import Config
 from fl3d.reports.beside import beside
+from fl3d.reports.figures.curves import ap_over_gamma
 from fl3d.reports.intervals import with_intervals
 from fl3d.reports.layer_tables import DETECTORS, layer_table
 from fl3d.reports.published import published_table
@@ -36,9 +38,23 @@ def write_all_tables(overrides: list[str], say: Callable[[str], None] = print) -
     chosen = any(override.startswith("+sweep=") for override in overrides)
     configs = [compose_config(overrides)] if chosen else list(stored_sweeps(overrides))
     for config in configs:
+        refuse_without_tables(config)
         tables, scores = report_from_store(config, say)
         write_views(config, tables, scores, say)
     write_still_tables(results_folder(configs[0]), say)
+    write_index(Path(configs[0]["results"]))
+
+
+def refuse_without_tables(config: Config) -> None:
+    """A study's trials are no rows of the paper's tables, and must not take the place of a grid's.
+
+    Raises:
+        StoreError: the sweep feeds no table.
+    """
+    if not config["sweep"]["tables"]:
+        raise StoreError(
+            f"sweep {config['sweep']['name']} feeds no table of the paper (sweep.tables); look at it in make ui"
+        )
 
 
 def stored_sweeps(overrides: list[str]) -> list[Config]:
@@ -64,7 +80,7 @@ def write_views(config: Config, tables: list[Table], scores: pd.DataFrame, say: 
     """Write each table beside the published one, and with intervals where the detections are stored; all of these."""
     views = [view for view in map(beside, tables) if view is not None]
     try:
-        views += interval_views(config, tables, scores)
+        views += interval_views(config, tables, scores, results_folder(config) / "figures")
     except (DataError, StoreError) as error:
         say(f"No intervals, which need stored detections and the data's labels: {error}")
     for view in views:
@@ -75,8 +91,8 @@ def write_views(config: Config, tables: list[Table], scores: pd.DataFrame, say: 
     return views
 
 
-def interval_views(config: Config, tables: list[Table], scores: pd.DataFrame) -> list[Table]:
-    """The tables with intervals: last models for II, III and V, best models for IV."""
+def interval_views(config: Config, tables: list[Table], scores: pd.DataFrame, figures: Path) -> list[Table]:
+    """The tables with intervals: last models for II, III and V, best models for IV; and AP over gamma, with bars."""
     best = select(scores, "best", config["selection"]["stages"])
     steps = dict(zip(best["trial"], best["step"], strict=True))
     views, found = [], {}
@@ -85,6 +101,8 @@ def interval_views(config: Config, tables: list[Table], scores: pd.DataFrame) ->
         by = "normalize" if table.number == "V" else "gamma"
         if (rule, by) not in found:
             found[rule, by] = _gains(compare_sweep(config, steps if rule == "best" else None, by), rule, by)
+            if (rule, by) == ("last", "gamma"):
+                ap_over_gamma(scores, figures / "ap_over_gamma", found[rule, by])
         own = found[rule, by]
         if table.number in ("II", "III"):
             own = own[own["detector"] == table.caption.rpartition(" ")[2]]
@@ -94,7 +112,7 @@ def interval_views(config: Config, tables: list[Table], scores: pd.DataFrame) ->
 
 def _gains(compared: Compared, rule: str, by: str) -> pd.DataFrame:
     """Gains, each with the text of the row it belongs to."""
-    table = gains(compared)
+    table = gains(comparable(compared))
     if by == "normalize":
         return table.assign(row=table["gamma"].map({0.0: "Original", 1.0: "Enhanced"}))
     text = table["gamma"].map(lambda gamma: f"{gamma:g}")

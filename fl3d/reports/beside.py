@@ -65,6 +65,9 @@ def beside(table: Table) -> Table | None:
     notes = table.notes
     if any(keys[i] in arxiv for i in kept):
         notes = (*notes, "In parentheses: the first arXiv version, where it differs.")
+    if table.number == "IV":
+        told = [f"{r['detector']} γ = {r['gamma']}, lr {r['lr']}, step {r['step']}" for r in printed.values()]
+        notes = (*notes, "The paper's rows: " + "; ".join(told) + ".")
     return Table(f"{table.name}_published", table.caption, tuple(columns), tuple(rows), LEGEND, notes)
 
 

@@ -50,6 +50,7 @@ def honest_table(scores: pd.DataFrame, halved: pd.DataFrame, stages: str, notes:
     inner = scores[scores["step"] > scores["first_own_step"]].sort_values("step") if stages == "last" else scores
     tail = inner.groupby("trial")[metric].apply(lambda own: own.tail(LAST).mean())
     sides = halved.set_index("trial")
+    n = min(LAST, int(inner.groupby("trial").size().max()))
     rows = []
     frame = last.assign(best=best[metric], tail=tail, chosen=sides["chosen"], other=sides["other"])
     for (detector, gamma), own in frame.groupby(["detector", "gamma"]):
@@ -59,7 +60,7 @@ def honest_table(scores: pd.DataFrame, halved: pd.DataFrame, stages: str, notes:
         rows.append((Cell(str(detector)), Cell(f"{gamma:g}"), *(Cell(text) for text in (*texts, optimism))))
     heads = {
         "last": "last",
-        "last_five": "mean of last five",
+        "last_five": f"mean of last {n}",
         "best": "best",
         "half": "best of a half, there",
         "other_half": "on the other half",
@@ -71,4 +72,6 @@ def honest_table(scores: pd.DataFrame, halved: pd.DataFrame, stages: str, notes:
     legend = (
         "Best by the mean of the three 3D APs; optimism: what the choosing half promises and the other does not keep"
     )
-    return Table("honest", caption, columns, tuple(rows), legend, notes)
+    among = sorted(inner.groupby("trial").size().unique())
+    chosen = f"Best is chosen among {'/'.join(str(count) for count in among)} checkpoints of a trial."
+    return Table("honest", caption, columns, tuple(rows), legend, (*notes, chosen))

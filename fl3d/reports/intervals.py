@@ -7,7 +7,8 @@ import pandas as pd
 from fl3d.reports.table import AP_COLUMNS, Cell, Table
 
 LEGEND = "AP in percent [95 % interval]; bold: better than γ = 0; star: the paired gain's interval excludes zero"
-DAGGER = "†: a gain of about one recall step of R11 (9.09 AP), which R40 does not show."
+DAGGER = "†: R11 moves more than twice as far as R40: it may be one of its recall steps, worth up to 9.09 AP."
+SELECTED = "The intervals do not cover the choice of checkpoint and γ on the same frames."
 
 
 def with_intervals(table: Table, gains: pd.DataFrame) -> Table:
@@ -39,4 +40,5 @@ def with_intervals(table: Table, gains: pd.DataFrame) -> Table:
     over = "frames" if seeds == [1] else f"frames and {'/'.join(str(n) for n in seeds)} seeds"
     legend = LEGEND.replace("better than γ = 0", "the better one") if table.number == "V" else LEGEND
     notes = (*table.notes, f"Intervals over {over}.", *((DAGGER,) if stepped else ()))
+    notes = (*notes, SELECTED) if table.number == "IV" else notes
     return Table(f"{table.name}_intervals", table.caption, table.columns, tuple(rows), legend, notes)

@@ -99,6 +99,7 @@ def _explain(work: LayerWork, printed: str) -> str:
     assert isinstance(module, nn.Conv2d | nn.Conv3d | nn.ConvTranspose2d)
     deconv = isinstance(module, nn.ConvTranspose2d)
     taps = 9 if deconv else prod(module.kernel_size)
-    guess = 2 * prod(work.inputs[2:]) * taps * module.in_channels * module.out_channels / 1e9
+    outputs = module.out_channels * prod(work.inputs[2:])
+    guess = 2 * outputs * (taps * module.in_channels + 1) / 1e9
     why = "a 3 x 3 kernel at the input's size" if deconv else "at the input's size, before the stride"
     return f"counted {why}: {guess:.1f}" if abs(guess - float(printed)) < 0.1 else ""

@@ -103,15 +103,19 @@ def write_results(
         the tables and every file written.
     """
     written = [scores_path(folder, sweep)]
-    write_text(written[0], scores.to_csv(index=False, lineterminator="\n"))
+    text = scores.to_csv(index=False, lineterminator="\n")
+    is_new = not written[0].exists() or written[0].read_text() != text
+    write_text(written[0], text)
     tables = make_tables(scores, numbers, stages, notes)
     written += write_tables(tables, folder)
-    for number in numbers:
+    for number in numbers if is_new else ():
         for stale in set((folder / "tables").glob(f"table_{number}[._]*")) - set(written):
             stale.unlink()  # of other trials or scores: a folder shows one set, and views are made again from it
     if {table.number for table in tables} & set(LAST_TABLES):
         written += ap_over_steps(scores, folder / "figures" / "ap_over_steps", stages)
-        written += ap_over_gamma(scores, folder / "figures" / "ap_over_gamma")
+        if is_new or not (folder / "figures" / "ap_over_gamma.png").exists():
+            ap_over_gamma(scores, folder / "figures" / "ap_over_gamma")  # with intervals once tables are made again
+        written += [folder / "figures" / f"ap_over_gamma.{ending}" for ending in ("csv", "png", "pdf")]
     return tables, written
 
 

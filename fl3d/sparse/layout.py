@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -30,12 +31,15 @@ class Layout:
     rules: dict[Geometry, Rulebook] = field(default_factory=dict)
 
     def to(self, device: str | torch.device, non_blocking: bool = False) -> Layout:
-        """The same on another device, and all that follows from it."""
+        """The same on another device, and all that follows from it, in one copy."""
         if self.sites.device == torch.device(device):
             return self
-        z, y, x = (axis.to(device, non_blocking=non_blocking) for axis in self.classes)
-        rules = {geometry: rule.to(device, non_blocking) for geometry, rule in self.rules.items()}
-        return Layout(self.batch, (z, y, x), self.sites.to(device, non_blocking=non_blocking), rules)
+        packed, form = pack(self)
+        return unpack(packed.to(device, non_blocking=non_blocking), form)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """From a loader's process to another it goes as one tensor, not as a hundred."""
+        return unpack, pack(self)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -127,8 +131,42 @@ class Rulebook:
     offsets: list[int]
     patches: Tensor
 
-    def to(self, device: str | torch.device, non_blocking: bool = False) -> Rulebook:
-        """The same on another device."""
-        moved = (t.to(device, non_blocking=non_blocking) for t in (self.rows_in, self.rows_out, self.patches))
-        rows_in, rows_out, patches = moved
-        return Rulebook(self.target.to(device, non_blocking), rows_in, rows_out, self.offsets, patches)
+
+Form = tuple[Any, ...]  # what a packed layout is made of: batch, lengths, and for each rule its own
+
+
+def pack(layout: Layout) -> tuple[Tensor, Form]:
+    """All numbers of a layout and of its rules, one after the other, and how long each part is."""
+    parts: list[Tensor] = []
+    form = _pack(layout, parts)
+    return torch.cat(parts), form
+
+
+def _pack(layout: Layout, parts: list[Tensor]) -> Form:
+    parts += [*layout.classes, layout.sites.flatten()]
+    rules = []
+    for geometry, rule in layout.rules.items():
+        parts += [rule.rows_in, rule.rows_out, rule.patches.flatten()]
+        rules.append((geometry, len(rule.rows_in), rule.offsets, tuple(rule.patches.shape), _pack(rule.target, parts)))
+    return layout.batch, tuple(len(axis) for axis in layout.classes), len(layout.sites), tuple(rules)
+
+
+def unpack(packed: Tensor, form: Form) -> Layout:
+    """Inverse of ``pack``: views of the one tensor."""
+    return _unpack(packed, form, 0)[0]
+
+
+def _unpack(packed: Tensor, form: Form, start: int) -> tuple[Layout, int]:
+    def take(length: int) -> Tensor:
+        nonlocal start
+        start += length
+        return packed[start - length : start]
+
+    batch, lengths, n_sites, rules = form
+    z, y, x = (take(length) for length in lengths)
+    layout = Layout(batch, (z, y, x), take(4 * n_sites).view(-1, 4))
+    for geometry, n_pairs, offsets, shape, target_form in rules:
+        rows_in, rows_out, patches = take(n_pairs), take(n_pairs), take(shape[0] * shape[1]).view(shape)
+        target, start = _unpack(packed, target_form, start)
+        layout.rules[geometry] = Rulebook(target, rows_in, rows_out, offsets, patches)
+    return layout, start

@@ -141,7 +141,7 @@ def _kind(stage: Stage) -> str:
     """Stages of one kind have the same network and take the same time a step."""
     config = stage.config
     optimizer, batch = config["optimizer"]["_target_"], config["schedule"]["batch_size"]
-    arithmetic = config["precision"], config["compile"]
+    arithmetic = config.get("precision", "float32"), config.get("compile", False)
     return digest([config["detector"], optimizer, batch, config["data"], *arithmetic])
 
 

@@ -58,7 +58,13 @@ class Planner:
         self._check_tables(points)
         versions = {"trainer": TRAINER_VERSION} | {t: d.VERSION for t, d in self.detectors.items()}
         offered = {t: d.STAGES for t, d in self.detectors.items()}
-        return make_plan(self.name, [(p.overrides, p.config) for p in points], self.data, versions, offered)
+        plan = make_plan(self.name, [(p.overrides, p.config) for p in points], self.data, versions, offered)
+        for stage in plan.stages.values():  # each may set its own
+            check_precision(stage.config["precision"], self.base["device"])
+            if stage.config["compile"]:
+                with torch.device("meta"):
+                    build_detector(stage.config).compile_dense()
+        return plan
 
     def key(self, point: Point) -> str:
         """The key of a point's trial."""
@@ -74,12 +80,8 @@ class Planner:
                 raise ConfigError(f"{key}: all trials of a sweep must share it; run one sweep for each value")
         target = point.config["detector"]["_target_"]
         self.detectors.setdefault(target, locate(target, "detector._target_"))
-        check_precision(point.config["precision"], point.config["device"])
         with torch.device("meta"):
-            detector = build_detector(point.config)
-            build_optimizer(point.config, detector)
-        if point.config["compile"]:
-            detector.compile_dense()
+            build_optimizer(point.config, build_detector(point.config))
 
     def _check_tables(self, points: Sequence[Point]) -> None:
         tables = self.base["sweep"]["tables"]

@@ -26,6 +26,8 @@ def set_precision(precision: str) -> None:
     mode = "tf32" if precision == "tf32" else "ieee"
     torch.backends.cuda.matmul.fp32_precision = mode
     torch.backends.cudnn.conv.fp32_precision = mode  # type: ignore[attr-defined]
+    torch.backends.cudnn.rnn.fp32_precision = mode  # type: ignore[attr-defined]  # torch reads the two together
+    torch.backends.cuda.matmul.allow_bf16_reduced_precision_reduction = False  # sums are single
 
 
 def multiplying(precision: str, device: str) -> torch.autocast:

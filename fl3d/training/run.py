@@ -165,6 +165,7 @@ class _Run:
                 self.device,
                 self.stage.config["precision"],
                 self.schedule.batch_size,
+                self.trainer.workers,
                 after_batch=lambda: self._show(force=True),
             )
             write_detections(self.paths.detections(step), found)
@@ -210,7 +211,7 @@ def detect_again(paths: StagePaths, step: int) -> Detections:
     """
     spec = json.loads(paths.spec.read_text())
     stage, machine = Stage(**spec["stage"]), spec["machine"]
-    device, precision = machine["device"], stage.config["precision"]
+    device, precision = machine["device"], stage.config.get("precision", "float32")
     prepare(stage.config["seed"], device, precision)
     data, limits = stage.config["data"], stage.config["detections"]
     frames = Frames(KittiFolder(Path(machine["data_root"]), data["crop"], data["calibration"]), machine["val_ids"], 0)

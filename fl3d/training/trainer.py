@@ -83,6 +83,19 @@ class Averages:
         return {name: value / self.count for name, value in self.sums.items()}
 
 
+class _Looks(Dataset[Sample]):
+    """Encoded frames in order, without targets."""
+
+    def __init__(self, detector: Detector, frames: Frames) -> None:
+        self.detector, self.frames = detector, frames
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, i: int) -> Sample:
+        return self.detector.encode(self.frames[i], np.random.default_rng([0, i]), training=False)
+
+
 class Trainer:
     """A detector in training.
 
@@ -221,6 +234,7 @@ def detect_frames(
     device: str = "cpu",
     precision: str = "float32",
     batch_size: int = 1,
+    workers: int = 0,
     after_batch: Callable[[], None] = lambda: None,
 ) -> Detections:
     """Run a detector over frames in evaluation mode; the random states of training are not touched.
@@ -233,16 +247,22 @@ def detect_frames(
         device: of the network.
         precision: see ``precision.PRECISIONS``.
         batch_size: frames at once.
+        workers: loader processes; 0 loads in this one.
         after_batch: called after each batch, to show progress.
     """
     detector.eval()
     found: list[Found] = []
     started = time.monotonic()
-    for start in range(0, len(frames), batch_size):
-        indices = range(start, min(start + batch_size, len(frames)))
-        samples = [detector.encode(frames[i], np.random.default_rng([0, i]), training=False) for i in indices]
+    loader = DataLoader(
+        _Looks(detector, frames),
+        batch_size,
+        collate_fn=detector.collate,
+        num_workers=workers,
+        generator=torch.Generator(),  # its own, see ``Trainer._loader``
+    )
+    for batch in loader:
         with multiplying(precision, device):
-            found += detector.detect(to_device(detector.collate(samples), device), max_boxes, min_score)
+            found += detector.detect(to_device(batch, device), max_boxes, min_score)
         if time.monotonic() - started > 1:
             started = time.monotonic()
             after_batch()

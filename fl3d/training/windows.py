@@ -62,7 +62,8 @@ def _save(path: Path, found: Windows) -> None:
 def _run(paths: StagePaths, step: int) -> Windows:
     spec = json.loads(paths.spec.read_text())
     stage, machine = Stage(**spec["stage"]), spec["machine"]
-    device, precision = machine["device"], stage.config.get("precision", "float32")
+    device = machine["device"] if torch.cuda.is_available() else "cpu"  # trained elsewhere, perhaps
+    precision = stage.config.get("precision", "float32")
     prepare(stage.config["seed"], device, precision)
     data = stage.config["data"]
     frames = Frames(KittiFolder(Path(machine["data_root"]), data["crop"], data["calibration"]), machine["val_ids"], 0)

@@ -1,5 +1,6 @@
 """Sparse layers compute the dense layers' function: forward, gradients, statistics."""
 
+import pickle
 from collections.abc import Sequence
 
 import pytest
@@ -8,6 +9,7 @@ from torch import Tensor, nn
 
 from fl3d.sparse import layers
 from fl3d.sparse.background import BackgroundMap, dense, dense_bev
+from fl3d.sparse.layout import pack
 from fl3d.sparse.rulebook import voxel_layout
 
 Shape = tuple[int, int, int]
@@ -172,3 +174,48 @@ def test_a_crowded_map_goes_on_dense(monkeypatch: pytest.MonkeyPatch) -> None:
     out = sparse(BackgroundMap.from_voxels(values[order], voxel_layout(cells[order], shape, 1)))
     assert isinstance(out, Tensor)
     torch.testing.assert_close(out, dense(scatter(values, cells, shape, 1)))
+
+
+def test_a_layout_travels_as_one_tensor_and_arrives_whole() -> None:
+    shape, config = VOXELNET
+    _, sparse = pair(config, norm_first=False)
+    cells = random_cells(shape, 2, 0.05)
+    b, z, y, x = cells.unbind(1)
+    layout = voxel_layout(cells[torch.argsort(((b * shape[0] + z) * shape[1] + y) * shape[2] + x)], shape, 2)
+    assert layers.lay_out(layout, sparse) is not None
+    packed, _ = pack(layout)
+    again = pickle.loads(pickle.dumps(layout))
+    assert torch.equal(pack(again)[0], packed)
+    values = torch.randn(len(cells), 3, dtype=torch.float64)
+    outs = [sparse(BackgroundMap.from_voxels(values, one)).dense() for one in (layout, again)]
+    assert torch.equal(*outs)
+    depth, here = 0, again
+    while here.rules:
+        (rule,) = here.rules.values()
+        depth, here = depth + 1, rule.target
+    assert depth == len(config)
+
+
+def test_under_autocast_products_are_low_and_all_else_is_single() -> None:
+    """The canvas is the same to the bit; rows move by what bfloat16 rounds of their difference from it."""
+    shape, _ = VOXELNET
+    torch.manual_seed(0)
+    conv, norm = layers.Conv3d(3, 4, 3, (2, 1, 1), (1, 1, 1)), layers.BatchNorm3d(4)
+    cells = random_cells(shape, 1, 0.05)
+    _, z, y, x = cells.unbind(1)
+    layout = voxel_layout(cells[torch.argsort((z * shape[1] + y) * shape[2] + x)], shape, 1)
+    canvas = torch.randn(1, 3) + 1.0
+    maps = []
+    for low in (False, True):
+        with torch.autocast("cpu", torch.bfloat16, enabled=low):
+            rows = torch.randn(len(cells), 3, generator=torch.Generator().manual_seed(1))
+            out = conv(BackgroundMap(canvas, rows, layout))
+            assert out.canvas.dtype == out.rows.dtype == torch.float32
+            after = norm(out)
+            assert after.canvas.dtype == after.rows.dtype == torch.float32
+            maps.append(out)
+    single, lowered = maps
+    assert torch.equal(single.canvas, lowered.canvas)
+    below = single.canvas[single.layout.row_classes]
+    change = (single.rows - lowered.rows).abs().max() / (single.rows - below).abs().max()
+    assert 1e-5 < change < 2e-2

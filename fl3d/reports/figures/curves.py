@@ -58,7 +58,7 @@ def ap_over_gamma(scores: pd.DataFrame, path: Path, gains: pd.DataFrame | None =
     Args:
         scores: tidy; seeds are averaged.
         path: without ending.
-        gains: see ``gains.gains``; with it, the 3D APs have their 95 % intervals as bars.
+        gains: see ``gains.gains``; with it, 3D moderate has its 95 % intervals as bars.
     """
     metrics = list(AP_COLUMNS.values())
     last = select(scores, "last").groupby(["detector", "gamma"])[metrics].mean().reset_index()
@@ -73,7 +73,7 @@ def ap_over_gamma(scores: pd.DataFrame, path: Path, gains: pd.DataFrame | None =
                 aps = own[metric].to_numpy()
                 label = f"{view.upper()} {level}"
                 axes.plot(places + shift, aps, color=color, marker=marker, ms=4, lw=1, ls=line, label=label)
-                if f"{metric} low" in own and view == "3d":
+                if f"{metric} low" in own and (view, level) == ("3d", "moderate"):
                     bars = np.maximum(0, [aps - own[f"{metric} low"], own[f"{metric} high"] - aps])
                     axes.errorbar(places + shift, aps, bars, fmt="none", ecolor=color, elinewidth=0.7, capsize=1.5)
                 if own["gamma"].iloc[0] == 0:

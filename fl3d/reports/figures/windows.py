@@ -45,6 +45,8 @@ def figure_4(sampled: Mapping[str, tuple[Array, Array]], gammas: list[float], pa
         gammas: the loss is computed anew for each from the same posteriors.
         path: without ending.
     """
+    if not sampled:
+        return []
     shares = np.unique(np.concatenate([np.linspace(0, 1, POINTS), np.linspace(0.998, 1, POINTS)]))
     rows = []
     for detector, pair in sampled.items():
