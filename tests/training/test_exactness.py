@@ -9,8 +9,10 @@ import torch
 
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import KittiFolder
+from fl3d.detectors.voxelnet import VoxelNet
 from fl3d.errors import CheckpointError, TrainingError
 from fl3d.records import Stage, StagePaths
+from fl3d.sparse import layers
 from fl3d.sweep.launchers.inline import InlineLauncher
 from fl3d.training.build import build_detector, build_optimizer, build_schedule
 from fl3d.training.checkpoints import last_state, load_state, read_marker
@@ -110,6 +112,31 @@ def test_a_resumed_stage_equals_an_uninterrupted_one(
         assert losses[0] == losses[1]
 
 
+def test_resumed_on_sparse_maps_it_is_as_if_never_stopped(
+    simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(layers, "CROWDED", float("inf"))
+    seen: list[bool] = []
+    collate = VoxelNet.collate
+    monkeypatch.setattr(VoxelNet, "collate", lambda self, s: seen.append("layout" in (b := collate(self, s))) or b)
+    plan, whole_root = train(simulated, tmp_path / "whole", GAMMA_2)
+    key, passes = plan.trials[0].key, iter(range(100))
+
+    def detect(*arguments: object, **options: object) -> object:
+        if next(passes) == 2:
+            raise Stopped
+        return detect_frames(*arguments, **options)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch:
+        patch.setattr("fl3d.training.run.detect_frames", detect)
+        with pytest.raises(Stopped):
+            train(simulated, tmp_path / "cut", GAMMA_2)
+    _, cut_root = train(simulated, tmp_path / "cut", GAMMA_2)
+    assert same_state(final_state(whole_root, key), final_state(cut_root, key))
+    assert seen
+    assert all(seen)
+
+
 @pytest.mark.parametrize("save_every", ["null", "2"])  # 2 steps are one epoch: a resume point at its very end
 @pytest.mark.parametrize("stop_at", [0, 1, 2, 3])
 def test_stopped_while_detecting_no_checkpoint_is_lost(
@@ -144,7 +171,11 @@ def test_a_stages_own_optimizer_settings_hold_after_the_fork(simulated: Path, tm
     assert not same_state(state["model"], final_state(root, plain.trials[0].key)["model"])
 
 
-def test_loader_workers_do_not_change_a_bit(simulated: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("crowded", [layers.CROWDED, float("inf")])  # inf: maps stay sparse in this small network too
+def test_loader_workers_do_not_change_a_bit(
+    crowded: float, simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(layers, "CROWDED", crowded)  # loader processes are forked, and know it
     _, alone = train(simulated, tmp_path / "a", GAMMA_2)
     plan, helped = train(simulated, tmp_path / "b", [*GAMMA_2, "workers=2"])
     key = plan.trials[0].key
