@@ -219,3 +219,20 @@ def test_under_autocast_products_are_low_and_all_else_is_single() -> None:
     below = single.canvas[single.layout.row_classes]
     change = (single.rows - lowered.rows).abs().max() / (single.rows - below).abs().max()
     assert 1e-5 < change < 2e-2
+
+
+@pytest.mark.parametrize("case", [(16, 3, (2, 1, 1), 1), (8, 3, 1, (0, 1, 1))])
+def test_a_single_small_grid_takes_another_way_to_the_same(case: tuple[int, int, object, object]) -> None:
+    channels, kernel, stride, padding = case
+    torch.manual_seed(0)
+    ours = layers.Conv3d(channels, 5, kernel, stride, padding)
+    theirs = nn.Conv3d(channels, 5, kernel, stride, padding)  # type: ignore[arg-type]
+    theirs.load_state_dict(ours.state_dict())
+    x = torch.randn(1, channels, 5, 60, 120)
+    assert layers.is_misjudged(x)
+    found, expected = ours(x), theirs(x)
+    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
+    assert found.is_contiguous()
+    for grad in (found, expected):
+        grad.square().sum().backward()
+    torch.testing.assert_close(ours.weight.grad, theirs.weight.grad, rtol=1e-3, atol=1e-2)
