@@ -14,7 +14,7 @@ from fl3d.reports.figures.style import BLUE, ORANGE, panels, shades, write_data
 
 Array = NDArray[np.floating]
 POINTS = 400  # of a curve in Figure 4: evenly spaced, and as many again over the hardest thousandths
-BINS = 50
+BINS = 25
 
 
 def cumulative_loss(logits: Array, sign: int, gamma: float, shares: Array) -> Array:
