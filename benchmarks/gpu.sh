@@ -1,5 +1,5 @@
 #!/bin/sh
-# Measure the paper's networks on a GPU, in under eight minutes: benchmarks/gpu.sh [OPTIONS of gpu.py]
+# Measure the paper's networks on a GPU, within eight minutes: benchmarks/gpu.sh [OPTIONS of gpu.py]
 # Takes .venv's Python where there is one, else python3, whose torch must know CUDA.
 set -eu
 cd "$(dirname "$0")/.."

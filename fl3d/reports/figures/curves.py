@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from fl3d.reports.figures.style import BLUE, ORANGE, panels, shades, write_data
+from fl3d.reports.figures.style import BLUE, ORANGE, draw_by_gamma, panels, shades, write_data
 from fl3d.reports.honest import best_of_k
 from fl3d.reports.selection import select
 from fl3d.reports.table import AP_COLUMNS
@@ -109,11 +109,7 @@ def ap_over_cut(rescored: pd.DataFrame, path: Path) -> list[Path]:
 
     def panel(axes: Axes, detector: str) -> None:
         own = data[data["detector"] == detector]
-        gammas = sorted(own["gamma"].unique())
-        for gamma, (color, marker) in zip(gammas, shades(gammas), strict=True):
-            curve = own[own["gamma"] == gamma]
-            label = f"γ = {gamma:g}"
-            axes.plot(curve["cut"], curve[metric], color=color, marker=marker, ms=3, lw=1, label=label)
+        draw_by_gamma(axes, own, "cut", metric)
         axes.set_xlabel("score cut")
         axes.set_ylabel("3D AP moderate (%)")
 
@@ -130,13 +126,7 @@ def precision_recall(curves: pd.DataFrame, path: Path) -> list[Path]:
 
     def panel(axes: Axes, detector: str) -> None:
         own = curves[curves["detector"] == detector]
-        gammas = sorted(own["gamma"].unique())
-        for gamma, (color, marker) in zip(gammas, shades(gammas), strict=True):
-            curve = own[own["gamma"] == gamma]
-            label = f"γ = {gamma:g}"
-            axes.plot(
-                curve["recall"], curve["precision"], color=color, marker=marker, ms=2.5, markevery=4, lw=1, label=label
-            )
+        draw_by_gamma(axes, own, "recall", "precision", 4)
         axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02))
 
     return [write_data(curves, path), *panels(sorted(curves["detector"].unique()), path, panel, 4)]
@@ -158,10 +148,7 @@ def best_of_k_figure(scores: pd.DataFrame, path: Path) -> list[Path]:
 
     def panel(axes: Axes, detector: str) -> None:
         own = data[data["detector"] == detector]
-        gammas = sorted(own["gamma"].unique())
-        for gamma, (color, marker) in zip(gammas, shades(gammas), strict=True):
-            curve = own[own["gamma"] == gamma]
-            axes.plot(curve["k"], curve["best"], color=color, marker=marker, ms=2.5, lw=1, label=f"γ = {gamma:g}")
+        draw_by_gamma(axes, own, "k", "best")
         axes.set_xlabel("checkpoints looked at, k")
         axes.set_ylabel("best 3D AP moderate, mean (%)")
 

@@ -49,7 +49,7 @@ def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")
 
 def write_data(frame: pd.DataFrame, path: Path) -> Path:
     """The data of a figure, beside it."""
-    write_text(path.with_suffix(".csv"), frame.to_csv(index=False, lineterminator="\n"))
+    write_text(path.with_suffix(".csv"), frame.to_csv(index=False, lineterminator="\n", float_format="%.6g"))
     return path.with_suffix(".csv")
 
 
@@ -57,6 +57,14 @@ def shades(values: Sequence[float]) -> list[tuple[Any, str]]:
     """A colour and a marker for each value: dark to light, so that they differ in grey too."""
     colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, len(values)))
     return [(color, MARKERS[k % len(MARKERS)]) for k, color in enumerate(colors)]
+
+
+def draw_by_gamma(axes: Axes, own: pd.DataFrame, x: str, y: str, every: float = 1) -> None:
+    """A curve for each gamma: column ``y`` against ``x``, a marker at every so many points (or share of the curve)."""
+    gammas = sorted(own["gamma"].unique())
+    for gamma, (color, marker) in zip(gammas, shades(gammas), strict=True):
+        curve, look = own[own["gamma"] == gamma], {"color": color, "marker": marker, "ms": 2.5, "markevery": every}
+        axes.plot(curve[x], curve[y], **look, lw=1, label=f"γ = {gamma:g}")
 
 
 def panels(

@@ -10,10 +10,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from fl3d.reports.figures.style import BLUE, ORANGE, panels, shades, write_data
+from fl3d.reports.figures.style import BLUE, ORANGE, draw_by_gamma, panels, write_data
 
 Array = NDArray[np.floating]
-POINTS = 400  # of a curve in Figure 4: evenly spaced, and as many again over the hardest thousandths
+POINTS = 200  # of a curve in Figure 4: evenly spaced, and as many again over the hardest thousandths
 BINS = 25
 
 
@@ -61,18 +61,7 @@ def figure_4(sampled: Mapping[str, tuple[Array, Array]], gammas: list[float], pa
     def panel(axes: Axes, name: str) -> None:
         detector, kind = names[name]
         own = data[(data["detector"] == detector) & (data["windows"] == kind)]
-        for gamma, (color, marker) in zip(gammas, shades(gammas), strict=True):
-            curve = own[own["gamma"] == gamma]
-            axes.plot(
-                curve["share"],
-                curve["loss"],
-                color=color,
-                marker=marker,
-                ms=2.5,
-                markevery=0.09,
-                lw=1,
-                label=f"γ = {gamma:g}",
-            )
+        draw_by_gamma(axes, own, "share", "loss", 0.09)
         if name == "VoxelNet, negatives":
             axes.set_xlim(0.998, 1)  # as the paper zooms
         axes.set_xlabel(f"share of the {kind}, easiest first")
@@ -98,13 +87,7 @@ def figure_5(posteriors: Mapping[tuple[str, float], Array], path: Path) -> list[
 
     def panel(axes: Axes, detector: str) -> None:
         own = data[data["detector"] == detector]
-        gammas = sorted(own["gamma"].unique())
-        for gamma, (color, marker) in zip(gammas, shades(gammas), strict=True):
-            curve = own[own["gamma"] == gamma]
-            label = f"γ = {gamma:g}"
-            axes.plot(
-                curve["posterior"], curve["density"], color=color, marker=marker, ms=2.5, markevery=5, lw=1, label=label
-            )
+        draw_by_gamma(axes, own, "posterior", "density", 3)
         axes.set(xlabel="posterior probability of positives", ylabel="density (log)", xlim=(0, 1), yscale="log")
 
     return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 4)]
