@@ -9,6 +9,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 # One thread a process: two processes of one thread beat one of two. Before numpy and torch are loaded.
 for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -16,6 +17,9 @@ for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUM
 
 from fl3d.config import CONF, MAIN, check_overrides, compose_config  # noqa: E402
 from fl3d.errors import ConfigError, Fl3dError, options  # noqa: E402
+
+if TYPE_CHECKING:
+    from fl3d.store.tracking import Store
 
 # Hydra's own options that are followed by a value.
 HYDRA_VALUES = ("--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd")
@@ -310,15 +314,21 @@ def ui(arguments: list[str]) -> None:
     options = parser.parse_args(arguments)
     store = Store(options.root, options.uri)
     if store.is_server:
-        print(f"That is a server: open {store.uri}/#/experiments?workflowType=machine_learning")
+        _print_views(store, store.uri)
         return
     if not store.exists:
         raise StoreError(f"{options.root}: there is no store yet; run a sweep first, such as: make sweep-gamma")
-    print(
-        f"Open http://127.0.0.1:{options.port}/#/experiments?workflowType=machine_learning (Ctrl-C ends it)", flush=True
-    )
+    _print_views(store, f"http://127.0.0.1:{options.port}")
+    print("Ctrl-C ends it.", flush=True)
     command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store.uri]
     subprocess.run([*command, "--host", "127.0.0.1", "--port", str(options.port)], check=False)
+
+
+def _print_views(store: Store, address: str) -> None:
+    store.open()
+    print(f"Open {address}/#/experiments?workflowType=machine_learning, or the curves of one sweep:")
+    for name, view in store.views().items():
+        print(f"  {name:32s} {address}/{view}")
 
 
 def stage(arguments: list[str]) -> None:

@@ -1,5 +1,6 @@
 """The store: every score once, read back as one frame."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -132,3 +133,17 @@ def test_the_default_store_is_a_file_in_wal_mode(store: Store) -> None:
     connection = sqlite3.connect(path)
     assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
     connection.close()
+
+
+def test_a_view_of_what_matters_can_be_opened_by_link(store: Store) -> None:
+    number = store.experiment("viewed", "")
+    address = store.views()["viewed"]
+    assert f"/{number}/runs?viewStateShareKey=" in address
+    assert "workflowType=machine_learning" in address
+    key = address.partition("viewStateShareKey=")[2].partition("&")[0]
+    view = json.loads(store.client.get_experiment(number).tags[f"mlflow.sharedViewState.{key}"])
+    state = json.loads(view["state"])
+    sections = {section["uuid"] for section in state["compareRunSections"]}
+    assert state["compareRunCharts"][0]["metricKey"] == "ap_3d/moderate"
+    assert {chart["metricSectionId"] for chart in state["compareRunCharts"]} == sections
+    assert "Default" not in store.views()

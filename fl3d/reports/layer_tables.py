@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import accumulate, groupby
 from math import prod
 
 from torch import nn
 
 from fl3d.detectors.base import Detector
 from fl3d.detectors.flops import LayerWork, layer_works
-from fl3d.reports.published import published_table
+from fl3d.reports.published import ARXIV, published_table
 from fl3d.reports.table import Cell, Column, Table
 
 DETECTORS = {"VI": "fcn3d", "VII": "voxelnet"}
@@ -28,11 +28,13 @@ class _Row:
     front: tuple[Cell, ...]
     gflops: float
     first: LayerWork
+    layers: int
 
 
 def layer_table(number: str, make: Callable[[], Detector]) -> Table:
     """Table VI (3D-FCN) or VII (VoxelNet), with the journal's number beside ours, and what is wrong where they differ.
 
+    Table VII shows the numbers of the first arXiv version (1809.06065v1) too, which differ; those of Table VI do not.
     Work is counted as the paper counts it: two operations for a multiply-add, and two more for each output value.
 
     Args:
@@ -40,23 +42,37 @@ def layer_table(number: str, make: Callable[[], Detector]) -> Table:
         make: builds the detector at full size.
     """
     rows = [_row(number, list(works)) for _, works in groupby(layer_works(make), key=_alike)]
-    printed = published_table(number)["gflops"]
-    printed = printed[printed != "/"]  # a reshape is no work
-    texts = list(printed) if len(rows) == len(printed) else [""] * len(rows)  # another network than the paper's
+    printed, arxiv = _printed(number, rows, grouped=True), _printed(ARXIV.get(number, ""), rows, grouped=False)
     cells = []
-    for row, text in zip(rows, texts, strict=True):
-        wrong = text != "" and abs(row.gflops - float(text.strip("<"))) > (0.1 if "<" in text else TOLERANCE)
+    for row, text, earlier in zip(rows, printed, arxiv, strict=True):
+        wrong = _is_wrong(row, text)
         note = _explain(row.first, text) if wrong else ""
-        cells.append((*row.front, Cell(f"{row.gflops:.1f}"), Cell(text, star=wrong), Cell(note)))
+        others = (Cell(earlier, star=_is_wrong(row, earlier)),) if number in ARXIV else ()
+        cells.append((*row.front, Cell(f"{row.gflops:.1f}"), Cell(text, star=wrong), *others, Cell(note)))
     total = sum(row.gflops for row in rows)
     columns = (
         *(Column(key, key.capitalize()) for key in ("block", "layer", "kernel", "strides", "filters")),
         Column("gflops", "GFLOPs", "", True),
         Column("published", "printed", "", True),
+        *((Column("arxiv", "arXiv", "", True),) if number in ARXIV else ()),
         Column("note", "why they differ"),
     )
     notes = (f"Sum: {total:.1f} GFLOP a frame.",)
     return Table(number, CAPTIONS[number], columns, tuple(cells), "Star: the printed number is not the layer's", notes)
+
+
+def _printed(name: str, rows: Sequence[_Row], grouped: bool) -> list[str]:
+    """Each row's printed number; the arXiv version prints every layer, so its are summed. Empty: not known."""
+    values = [text for text in published_table(name)["gflops"] if text != "/"] if name else []  # a reshape is no work
+    layers = [1 if grouped else row.layers for row in rows]
+    if sum(layers) != len(values):  # another network than the paper's
+        return [""] * len(rows)
+    parts = [values[end - count : end] for count, end in zip(layers, accumulate(layers), strict=True)]
+    return [part[0] if len(part) == 1 else f"{sum(map(float, part)):.1f}" for part in parts]
+
+
+def _is_wrong(row: _Row, text: str) -> bool:
+    return text != "" and abs(row.gflops - float(text.strip("<"))) > (0.1 if "<" in text else TOLERANCE)
 
 
 def _alike(work: LayerWork) -> tuple[object, ...]:
@@ -73,7 +89,7 @@ def _row(number: str, works: list[LayerWork]) -> _Row:
     kind, *rest = _kind(first)
     count = f" x {len(works)}" if len(works) > 1 else ""
     gflops = sum(work.flops + 2 * prod(work.outputs) for work in works) / 1e9
-    return _Row(tuple(Cell(text) for text in (block, kind + count, *rest)), gflops, first)
+    return _Row(tuple(Cell(text) for text in (block, kind + count, *rest)), gflops, first, len(works))
 
 
 def _kind(work: LayerWork) -> tuple[str, str, str, str]:

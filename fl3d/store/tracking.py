@@ -31,6 +31,8 @@ from fl3d.errors import StoreError
 from fl3d.files import write_text
 from fl3d.leases import leased
 from fl3d.store.reading import read_database, read_server
+from fl3d.store.view import TAG as VIEW_TAG
+from fl3d.store.view import link, tag_value
 
 PARAMS_BATCH = 100  # MLflow takes no more parameters in one request
 TRIAL_TAG, PROTOCOL_TAG, STORE_TAG = "fl3d.trial", "fl3d.protocol", "fl3d.store"
@@ -140,6 +142,13 @@ class Store:
             self.client.restore_experiment(found.experiment_id)
         self.client.set_experiment_tag(found.experiment_id, "mlflow.note.content", note)
         return str(found.experiment_id)
+
+    def views(self) -> dict[str, str]:
+        """Name and link, from the UI's root, of each experiment, each with a view of what matters."""
+        found = [one for one in self.client.search_experiments() if one.name != "Default"]
+        for one in found:
+            self.client.set_experiment_tag(one.experiment_id, VIEW_TAG, tag_value())
+        return {one.name: link(one.experiment_id) for one in sorted(found, key=lambda one: str(one.name))}
 
     def run(
         self,
