@@ -1,6 +1,7 @@
-"""The losses of the paper: binary cross entropy and focal loss (Eq. 1-6), and the detection loss (Eq. 7-11).
+"""The losses of the papers: binary cross entropy and focal loss (Eq. 1-6), and what detectors make of them.
 
-Yun, Tai, Wang, Liu, Liu: Focal Loss in 3D Object Detection. IEEE RA-L 2019.
+Yun, Tai, Wang, Liu, Liu: Focal Loss in 3D Object Detection. IEEE RA-L 2019: ``DetectionLoss`` (Eq. 7-11).
+Lin, Goyal, Girshick, He, Dollar: Focal Loss for Dense Object Detection. ICCV 2017: ``BalancedFocalLoss``.
 """
 
 from __future__ import annotations
@@ -109,3 +110,40 @@ class DetectionLoss:
     def _mean(self, losses: Tensor) -> Tensor:
         total = losses.sum()
         return total / max(1, losses.numel()) if self.normalize else total
+
+
+@dataclass(frozen=True)
+class BalancedFocalLoss:
+    """The alpha-balanced focal loss, summed and divided by the number of positives (Lin et al. 2017, §3.2 and §4.1).
+
+    The positives weigh ``alpha`` and the negatives ``1 - alpha``; PointRCNN and Frustum ConvNet train with it.
+
+    Args:
+        gamma: focusing parameter; 0 is weighed cross entropy.
+        alpha: weight of the foreground, in 0..1.
+
+    Raises:
+        ConfigError: a value out of its range.
+    """
+
+    gamma: float = 2.0
+    alpha: float = 0.75
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.gamma, int | float) or self.gamma < 0:
+            raise ConfigError(f"loss.gamma: '{self.gamma}' is not a number of at least 0")
+        if not isinstance(self.alpha, int | float) or not 0 <= self.alpha <= 1:
+            raise ConfigError(f"loss.alpha: '{self.alpha}' is not a number in 0..1; the background weighs 1 - alpha")
+
+    def classification(self, positive: Tensor, negative: Tensor) -> dict[str, Tensor]:
+        """Loss of positives and of negatives, both divided by the number of positives, at least one.
+
+        Args:
+            positive: (N_pos,) logits.
+            negative: (N_neg,) logits.
+        """
+        count = max(1, positive.numel())
+        return {
+            "cls_pos": self.alpha * focal(positive, torch.ones_like(positive), self.gamma).sum() / count,
+            "cls_neg": (1 - self.alpha) * focal(negative, -torch.ones_like(negative), self.gamma).sum() / count,
+        }

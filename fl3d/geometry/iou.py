@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.geometry.boxes import Array, rectangles_cam
+from fl3d.geometry.boxes import Array, rectangles_cam, rectangles_velo
 
 Float = NDArray[np.float64]
 
@@ -120,15 +120,28 @@ def bev_and_3d_iou_cam(boxes_a: Array, boxes_b: Array) -> tuple[Float, Float]:
     Returns:
         bird's-eye-view IoU (N, M) and 3D IoU (N, M).
     """
-    a, b = rectangles_cam(boxes_a), rectangles_cam(boxes_b)
+    # The y axis points down: heights are measured from below.
+    return _bev_and_3d(
+        rectangles_cam(boxes_a), rectangles_cam(boxes_b), -boxes_a[:, 1], boxes_a[:, 3], -boxes_b[:, 1], boxes_b[:, 3]
+    )
+
+
+def bev_and_3d_iou_velo(boxes_a: Array, boxes_b: Array) -> tuple[Float, Float]:
+    """The same in the LiDAR frame: (N, 7), (M, 7) ``boxes_velo``; a box spans [z, z + h]."""
+    return _bev_and_3d(
+        rectangles_velo(boxes_a), rectangles_velo(boxes_b), boxes_a[:, 2], boxes_a[:, 3], boxes_b[:, 2], boxes_b[:, 3]
+    )
+
+
+def _bev_and_3d(
+    a: Array, b: Array, bottom_a: Array, height_a: Array, bottom_b: Array, height_b: Array
+) -> tuple[Float, Float]:
     shared = intersection_areas(a, b)
     area_a, area_b = a[:, 2] * a[:, 3], b[:, 2] * b[:, 3]
     bev = _ratio(shared, area_a[:, None] + area_b[None] - shared)
-    bottom_a, bottom_b = boxes_a[:, 1], boxes_b[:, 1]
-    height_a, height_b = boxes_a[:, 3], boxes_b[:, 3]
-    lowest = np.minimum(bottom_a[:, None], bottom_b[None])
-    highest = np.maximum((bottom_a - height_a)[:, None], (bottom_b - height_b)[None])
-    volume = shared * np.maximum(lowest - highest, 0)
+    lowest = np.maximum(bottom_a[:, None], bottom_b[None])
+    highest = np.minimum((bottom_a + height_a)[:, None], (bottom_b + height_b)[None])
+    volume = shared * np.maximum(highest - lowest, 0)
     union = (area_a * height_a)[:, None] + (area_b * height_b)[None] - volume
     return bev, _ratio(volume, union)
 

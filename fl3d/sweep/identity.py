@@ -18,6 +18,8 @@ RESULT = (
     "schedule.clip",
     "schedule.ramp_steps",
     "schedule.checkpoint_every",
+    "schedule.one_cycle",
+    "schedule.one_cycle.*",
     "schedule.stages.*",
     "data.crop",
     "data.calibration",

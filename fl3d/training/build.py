@@ -10,6 +10,7 @@ from fl3d.config import build
 from fl3d.detectors.base import Detector
 from fl3d.evaluation.protocol import Protocol
 from fl3d.records import Config
+from fl3d.training.one_cycle import OneCycle
 from fl3d.training.trainer import Schedule
 
 
@@ -21,15 +22,17 @@ def build_detector(config: Config) -> Detector:
 
 
 def build_optimizer(config: Config, detector: Detector) -> torch.optim.Optimizer:
-    """The optimiser over a detector's parameters."""
-    optimizer: torch.optim.Optimizer = build(config["optimizer"], "optimizer", params=detector.parameters())
+    """The optimiser over a detector's parameters, but for those that are frozen."""
+    parameters = [parameter for parameter in detector.parameters() if parameter.requires_grad]
+    optimizer: torch.optim.Optimizer = build(config["optimizer"], "optimizer", params=parameters)
     return optimizer
 
 
 def build_schedule(config: Config, machine: Config) -> Schedule:
     """The schedule of a stage."""
     values: dict[str, Any] = dict(config["schedule"])
-    own = values.pop("stage")
+    own, cycle = values.pop("stage"), values.pop("one_cycle")
+    values["one_cycle"] = None if cycle is None else OneCycle(**cycle)
     return Schedule(lr_factor=own["lr_factor"], save_every_steps=machine["save_every_steps"], **values)
 
 

@@ -119,7 +119,7 @@ class _Run:
             if found is None or found[1].step != self.stage.start_step:
                 parent.done.unlink(missing_ok=True)  # so that it is trained again, from the checkpoint before
                 raise CheckpointError(f"{parent.folder}: no whole checkpoint at step {self.stage.start_step}")
-            self.trainer.restore(found[0])
+            self.trainer.restore(found[0], is_parents=True)
             self.trainer.averages = Averages()
 
     def _own_state(self) -> State | None:

@@ -18,6 +18,7 @@ from fl3d.errors import CheckpointError, TrainingError
 from fl3d.evaluation.detections import Detections
 from fl3d.records import Stage
 from fl3d.training.checkpoints import State
+from fl3d.training.one_cycle import OneCycle
 from fl3d.training.precision import multiplying
 from fl3d.training.reproducibility import random_state, sample_generator, set_random_state
 
@@ -36,6 +37,7 @@ class Schedule:
         ramp_steps: the learning rate rises linearly over the first steps of the first stage.
         checkpoint_every: epochs between checkpoints; the last epoch always has one.
         save_every_steps: steps between resume points within an epoch; None: none.
+        one_cycle: how the learning rate rises and falls over the stage; None: it stays.
     """
 
     batch_size: int
@@ -45,6 +47,7 @@ class Schedule:
     ramp_steps: int
     checkpoint_every: int
     save_every_steps: int | None = None
+    one_cycle: OneCycle | None = None
 
     def epoch_frames(self, n_frames: int) -> int:
         """Frames in one epoch."""
@@ -139,16 +142,22 @@ class Trainer:
             "averages": {"sums": dict(self.averages.sums), "count": self.averages.count},
         }
 
-    def restore(self, state: State) -> None:
-        """Go on from a state, of this stage or of its parent.
+    def restore(self, state: State, is_parents: bool = False) -> None:
+        """Go on from a state.
+
+        Args:
+            state: of this stage or of its parent.
+            is_parents: a network that has parts its parent had not keeps those as they are, and its optimiser anew.
 
         Raises:
             CheckpointError: it is of another network.
         """
         own = [{k: v for k, v in g.items() if k not in ("params", "lr")} for g in self.optimizer.param_groups]
+        new = [key for key in self.detector.state_dict() if key not in state["model"]] if is_parents else []
         try:
-            self.detector.load_state_dict(state["model"])
-            self.optimizer.load_state_dict(state["optimizer"])
+            self.detector.load_state_dict(state["model"] | {key: self.detector.state_dict()[key] for key in new})
+            if not new:
+                self.optimizer.load_state_dict(state["optimizer"])
         except (RuntimeError, ValueError, KeyError) as error:
             raise CheckpointError(f"{self.stage.key}: the checkpoint is of another network: {error}") from None
         for group, values in zip(self.optimizer.param_groups, own, strict=True):
@@ -160,8 +169,13 @@ class Trainer:
 
     def lr(self) -> float:
         """Learning rate of the next step."""
-        ramp = self.schedule.ramp_steps
-        return self.base_lr * min(1.0, (self.step + 1) / ramp) if ramp else self.base_lr
+        ramp, cycle = self.schedule.ramp_steps, self.schedule.one_cycle
+        lr = self.base_lr * (cycle.factor(self._progress()) if cycle else 1.0)
+        return lr * min(1.0, (self.step + 1) / ramp) if ramp else lr
+
+    def _progress(self) -> float:
+        """Share of the stage that is behind the next step."""
+        return min(1.0, (self.step - self.stage.start_step) / max(1, self.stage.steps - 1))
 
     @property
     def epoch(self) -> int:
@@ -206,6 +220,8 @@ class Trainer:
     def _step(self, batch: Batch) -> None:
         for group in self.optimizer.param_groups:
             group["lr"] = self.lr()
+            if self.schedule.one_cycle is not None:
+                self.schedule.one_cycle.set_momentum(group, self._progress())
         with multiplying(self.precision, self.device):
             terms = self.detector.loss(batch)
         total = torch.stack(list(terms.values())).sum()

@@ -1,0 +1,406 @@
+"""PointRCNN: boxes proposed by every foreground point, then refined from the points around each proposal.
+
+Shi, Wang, Li: PointRCNN: 3D Object Proposal Generation and Detection from Point Cloud. CVPR 2019. The paper's camera
+frame is turned into the LiDAR's (its z is x here, its x is -y, its y is -z); the network sees no difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import log, pi
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from fl3d.data.dataset import TargetRule
+from fl3d.data.kitti import Frame
+from fl3d.data.voxels import Grid
+from fl3d.detectors.base import Batch, Detector, Found, Sample
+from fl3d.detectors.bins import BinCode
+from fl3d.detectors.blocks import join, join_ragged, sigmoid, top_scores
+from fl3d.detectors.rois import ProposalRule, RoiRule, pool, to_regions
+from fl3d.errors import ConfigError, options
+from fl3d.geometry.boxes import Array, wrap
+from fl3d.losses import BalancedFocalLoss
+from fl3d.points.network import Backbone, Level, PointMLP, SetAbstraction
+
+PRIOR = 0.01  # of foreground, at the start
+BACKGROUND, FOREGROUND, IGNORED = 0, 1, 2
+CLASSIFICATIONS = ("bce", "focal")
+DEPTH_SCALE = 70.0  # metres
+
+
+def head(c_in: int, widths: Sequence[int], c_out: int, norm: bool, dropout: float) -> nn.Sequential:
+    """Layers with dropout after the first, and a bare last one."""
+    first, *rest = widths
+    layers = [*PointMLP(c_in, [first], norm), nn.Dropout(dropout)]
+    for c_out_before, width in zip(widths, rest, strict=False):
+        layers += PointMLP(c_out_before, [width], norm)
+    return nn.Sequential(*layers, nn.Linear(widths[-1], c_out))
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """The second stage (§3.3, §3.4).
+
+    Args:
+        search: of the box code, metres.
+        bin: of the box code, metres.
+        yaw_bins: over 90 degrees; opposite headings are one.
+        points: of a region.
+        extra: metres that a region is enlarged by on each side.
+        mask: posterior above which a point is marked as foreground.
+        local: widths of the layers that bring a point's own features to those of the first stage.
+        merged: width of both together.
+        levels: of the set abstractions.
+        head: widths before the two outputs.
+        rois: what it learns from.
+        classification: ``focal``, under the trial's loss, or ``bce``.
+        scale: largest scaling of a region's points in training.
+    """
+
+    search: float
+    bin: float
+    yaw_bins: int
+    points: int
+    extra: float
+    mask: float
+    local: Sequence[int]
+    merged: int
+    levels: Sequence[Level]
+    head: Sequence[int]
+    rois: RoiRule
+    classification: str
+    scale: float
+
+    def __post_init__(self) -> None:
+        if self.classification not in CLASSIFICATIONS:
+            told = options(self.classification, CLASSIFICATIONS)
+            raise ConfigError(f"detector.rcnn.classification: no choice '{self.classification}'. {told}")
+
+
+class RPN(nn.Module):
+    """Foreground scores and boxes of all points.
+
+    Args:
+        backbone: features of points.
+        head_width: of the layer before each output.
+        code: of boxes.
+        dropout: after that layer.
+    """
+
+    def __init__(self, backbone: Backbone, head_width: int, code: BinCode, dropout: float) -> None:
+        super().__init__()
+        self.backbone = backbone
+        self.score = head(backbone.c_out, [head_width], 1, True, dropout)
+        self.box = head(backbone.c_out, [head_width], code.width, True, dropout)
+
+    def forward(self, points: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """(B, N, 3) -> logits (B, N), codes (B, N, R) and features (B, N, C)."""
+        features = self.backbone(points)
+        rows = features.flatten(0, 1)
+        logits, codes = self.score(rows), self.box(rows)
+        return logits.view(points.shape[:2]), codes.view(*points.shape[:2], -1), features
+
+
+class RCNN(nn.Module):
+    """Score and box of regions.
+
+    Args:
+        sizes: of its layers.
+        c_in: width of the first stage's features.
+        code: of boxes.
+    """
+
+    def __init__(self, sizes: Refinement, c_in: int, code: BinCode) -> None:
+        super().__init__()
+        self.local = PointMLP(5, sizes.local, norm=False)
+        self.merged = PointMLP(self.local.c_out + c_in, [sizes.merged], norm=False)
+        self.levels, width = nn.ModuleList(), sizes.merged
+        for level in sizes.levels:
+            self.levels.append(SetAbstraction(width, level, norm=False))
+            width = self.levels[-1].c_out
+        self.score = head(width, sizes.head, 1, False, 0.0)
+        self.box = head(width, sizes.head, code.width, False, 0.0)
+
+    def forward(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """(R, count, 3 + 2 + C): places, mark, depth, features -> logits (R,) and codes (R, width)."""
+        places, features = rows[..., :3], rows[..., 5:]
+        features = self.merged(torch.cat([self.local(rows[..., :5]), features], dim=-1))
+        for level in self.levels:
+            places, features = level(places, features)
+        return self.score(features[:, 0])[:, 0], self.box(features[:, 0])
+
+
+class PointRCNN(Detector):
+    """PointRCNN.
+
+    Args:
+        loss: classification of points, and of regions where ``rcnn.classification`` is ``focal``.
+        range_velo: x0, y0, z0, x1, y1, z1 in metres.
+        points: sampled of a frame.
+        far: metres; points beyond are kept before any other.
+        margin: metres around an object where points are neither foreground nor background.
+        size: mean h, w, l of the class in metres.
+        targets: which labels are objects.
+        levels: of the backbone's way down, see ``points.network.Level``.
+        up: widths of its way up.
+        rpn: ``search`` and ``bin`` of its box code in metres, ``yaw_bins``, ``head`` width, ``dropout``.
+        train: which proposals the second stage sees in training, see ``ProposalRule``.
+        test: likewise at test time.
+        rcnn: the second stage, see ``Refinement``; None: there is none yet, and proposals are what is found.
+    """
+
+    NAME = "PointRCNN"
+    STAGES = ("rpn", "rcnn")
+
+    def __init__(
+        self,
+        loss: BalancedFocalLoss,
+        range_velo: Sequence[float],
+        points: int,
+        far: float,
+        margin: float,
+        size: Sequence[float],
+        targets: TargetRule,
+        levels: Sequence[Mapping[str, object]],
+        up: Sequence[Sequence[int]],
+        rpn: Mapping[str, float],
+        train: Mapping[str, object],
+        test: Mapping[str, object],
+        rcnn: Mapping[str, object] | None = None,
+    ) -> None:
+        super().__init__()
+        self.point_loss = loss
+        self.grid = Grid(range_velo, [a - b for a, b in zip(range_velo[3:], range_velo[:3], strict=True)])
+        self.n_points, self.far, self.margin, self.targets = points, far, margin, targets
+        self.rules = {True: ProposalRule(**train), False: ProposalRule(**test)}  # type: ignore[arg-type]
+        self.code = BinCode(rpn["search"], rpn["bin"], int(rpn["yaw_bins"]), 2 * pi, size)
+        backbone = Backbone(_levels(levels), up)
+        self.rpn = RPN(backbone, int(rpn["head"]), self.code, rpn["dropout"])
+        _start(self.rpn, nn.init.kaiming_normal_)
+        nn.init.constant_(_last(self.rpn.score).bias, -log((1 - PRIOR) / PRIOR))
+        self.rcnn: RCNN | None = None
+        if rcnn is not None:
+            own = {"levels": _levels(rcnn["levels"]), "rois": RoiRule(**rcnn["rois"])}  # type: ignore[arg-type]
+            self.second = Refinement(**{**rcnn, **own})  # type: ignore[arg-type]
+            self.roi_code = BinCode(self.second.search, self.second.bin, self.second.yaw_bins, pi / 2, size)
+            self.rcnn = RCNN(self.second, backbone.c_out, self.roi_code)
+            _start(self.rcnn, nn.init.xavier_normal_)
+            self.rpn.requires_grad_(False)
+
+    def train(self, mode: bool = True) -> PointRCNN:
+        """As ever, but a first stage that is no longer trained stays as it is used."""
+        super().train(mode)
+        if self.rcnn is not None:
+            self.rpn.eval()
+        return self
+
+    def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
+        """Sampled points; for training, what each belongs to, and the objects."""
+        points = frame.points_velo[self.grid.inside(frame.points_velo), :3]
+        points = points[self._sample(points, rng)] if len(points) else np.zeros((self.n_points, 3), np.float32)
+        sample: Sample = {"points": points}
+        if training:
+            objects = self.targets.boxes_velo(frame)
+            objects = objects[self.grid.inside(objects)]
+            owner = owners(points, objects, self.margin)
+            labels = np.where(owner >= 0, FOREGROUND, np.where(owner == NEAR, IGNORED, BACKGROUND))
+            sample |= {"labels": labels, "objects": objects.astype(np.float32)}
+            sample["own"] = objects[owner[owner >= 0]].astype(np.float32)
+        return sample
+
+    def _sample(self, points: Array, rng: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+        """Indices of exactly ``points`` of them, far ones first, in random order; copies where there are fewer."""
+        order = rng.permutation(len(points))
+        if len(points) >= self.n_points:
+            is_near = points[order, 0] <= self.far
+            order = order[np.argsort(is_near, kind="stable")][: self.n_points]
+            return rng.permutation(order)
+        return np.concatenate([order, rng.choice(order, self.n_points - len(points))])
+
+    def collate(self, samples: list[Sample]) -> Batch:
+        """Stack points; objects carry their sample's number in front."""
+        batch: Batch = {"points": join([s["points"] for s in samples])}
+        if "labels" in samples[0]:
+            batch["labels"] = join([s["labels"] for s in samples])
+            batch["own"] = torch.from_numpy(np.concatenate([s["own"] for s in samples]))
+            batch["objects"] = join_ragged([s["objects"] for s in samples])
+        return batch
+
+    def forward(self, batch: Batch) -> tuple[Tensor, ...]:
+        """Logits (B, N), codes (B, N, R) and features of all points; with a second stage those of one region each."""
+        found = self.rpn(batch["points"])
+        if self.rcnn is None:
+            return tuple(found)
+        regions = batch["points"].new_zeros(len(batch["points"]), self.second.points, 5 + found[2].shape[2])
+        return (*found, *self.rcnn(regions))
+
+    def loss(self, batch: Batch) -> Mapping[str, Tensor]:
+        """Of the first stage, or of the second once there is one."""
+        if self.rcnn is not None:
+            return self._refinement_loss(batch)
+        logits, codes, _ = self.rpn(batch["points"])
+        labels = batch["labels"]
+        positive = labels == FOREGROUND
+        terms = self.point_loss.classification(logits[positive].float(), logits[labels == BACKGROUND].float())
+        return terms | self.code.loss(codes[positive].float(), self._relative(batch["own"], batch["points"][positive]))
+
+    def _relative(self, boxes_velo: Tensor, places: Tensor) -> Tensor:
+        center = boxes_velo[:, :3] - places
+        return torch.cat([center[:, :2], center[:, 2:] + boxes_velo[:, 3:4] / 2, boxes_velo[:, 3:]], dim=1)
+
+    def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Logits of the foreground's and of the background's points."""
+        logits, labels = self.rpn(batch["points"])[0], batch["labels"]
+        return logits[labels == FOREGROUND], logits[labels == BACKGROUND]
+
+    @torch.no_grad()
+    def _propose(self, points: Tensor, training: bool) -> tuple[list[Array], list[Array], Tensor, Tensor]:
+        """Proposals of each frame, their scores, and all points' logits and features."""
+        logits, codes, features = self.rpn(points)
+        boxes = self.code.decode(codes.flatten(0, 1).float())
+        boxes[:, :3] += points.flatten(0, 1)
+        boxes[:, 2] -= boxes[:, 3] / 2
+        boxes_velo = boxes.view(*points.shape[:2], 7).double().cpu().numpy()
+        raw = logits.float().cpu().numpy()
+        rule, chosen, scores = self.rules[training], [], []
+        for own, of in zip(boxes_velo, raw, strict=True):
+            kept = rule.choose(own, of)
+            chosen.append(own[kept])
+            scores.append(of[kept])
+        return chosen, scores, logits, features
+
+    def _pool(self, batch: Batch, logits: Tensor, features: Tensor, regions: Tensor, frames: Tensor) -> Tensor:
+        points = batch["points"]
+        mark = (torch.sigmoid(logits) > self.second.mask).to(points.dtype)
+        depth = points.norm(dim=-1) / DEPTH_SCALE - 0.5
+        rows = torch.cat([mark[..., None], depth[..., None], features], dim=-1)
+        return pool(points, rows, regions, frames, self.second.extra, self.second.points)
+
+    def _refinement_loss(self, batch: Batch) -> Mapping[str, Tensor]:
+        assert self.rcnn is not None
+        proposals, _, logits, features = self._propose(batch["points"], training=True)
+        rng = np.random.default_rng(int(torch.randint(2**62, ())))
+        rows = batch["objects"].double().cpu().numpy()
+        objects = [rows[rows[:, 0] == frame, 1:] for frame in range(len(proposals))]
+        drawn = [self.second.rois.draw(p, o, rng) for p, o in zip(proposals, objects, strict=True)]
+        counts = [len(regions) for regions, _, _ in drawn]
+        regions, targets, overlaps = (
+            torch.from_numpy(np.concatenate(part)).to(logits.device) for part in zip(*drawn, strict=True)
+        )
+        frames = torch.arange(len(counts)).repeat_interleave(torch.tensor(counts)).to(logits.device)
+        regions, targets = regions.float(), targets.float()
+        rows_in = self._pool(batch, logits, features, regions, frames)
+        relative = _relative_to_regions(targets, regions)
+        self._augment(rows_in, relative, rng)
+        scores, codes = self.rcnn(rows_in)
+        rule = self.second.rois
+        positive, negative = overlaps > rule.positive_iou, overlaps < rule.bg_iou
+        terms = self._region_loss(scores[positive].float(), scores[negative].float())
+        learnt = overlaps > rule.regress_iou
+        return terms | self.roi_code.loss(codes[learnt].float(), relative[learnt])
+
+    def _region_loss(self, positive: Tensor, negative: Tensor) -> dict[str, Tensor]:
+        if self.second.classification == "focal":
+            return self.point_loss.classification(positive, negative)
+        count = max(1, len(positive) + len(negative))
+        return {"cls_pos": F.softplus(-positive).sum() / count, "cls_neg": F.softplus(negative).sum() / count}
+
+    def _augment(self, rows: Tensor, boxes: Tensor, rng: np.random.Generator) -> None:
+        """Scale and flip each region, in place; turning the scene would not change what a region sees of itself."""
+        limit = self.second.scale
+        scale = rows.new_tensor(rng.uniform(1 - limit, 1 + limit, len(rows)))
+        flip = rows.new_tensor(rng.choice([-1.0, 1.0], len(rows)))
+        rows[..., :3] *= scale[:, None, None]
+        rows[..., 1] *= flip[:, None]
+        boxes[:, :6] *= scale[:, None]
+        boxes[:, 1] *= flip
+        boxes[:, 6] *= flip
+
+    @torch.no_grad()
+    def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
+        """Refined proposals, or proposals as long as there is no second stage."""
+        proposals, scores, logits, features = self._propose(batch["points"], training=False)
+        if self.rcnn is not None:
+            counts = [len(boxes) for boxes in proposals]
+            every = torch.from_numpy(np.concatenate(proposals)).to(logits.device).float()
+            frames = torch.arange(len(counts)).repeat_interleave(torch.tensor(counts)).to(logits.device)
+            refined, codes = self.rcnn(self._pool(batch, logits, features, every, frames))
+            boxes_velo = _from_regions(self.roi_code.decode(codes.float()), every).double().cpu().numpy()
+            ends = np.cumsum(counts)[:-1]
+            proposals, scores = np.split(boxes_velo, ends), np.split(refined.float().cpu().numpy(), ends)
+        found = []
+        for boxes, raw in zip(proposals, scores, strict=True):
+            best = top_scores(raw, max_boxes, min_score)
+            boxes[:, 6] = wrap(boxes[:, 6])
+            found.append(Found(boxes[best], sigmoid(raw[best])))
+        return found
+
+    def example(self) -> Batch:
+        """A frame of points."""
+        return {"points": torch.zeros(1, self.n_points, 3)}
+
+
+NEAR, NONE = -2, -1
+
+
+def owners(points: Array, boxes_velo: Array, margin: float) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Which box each point lies in; ``NEAR`` within ``margin`` metres of one, else ``NONE``: (N, 3), (K, 7) -> (N,)."""
+    owner = np.full(len(points), NONE, dtype=np.int64)
+    for k, (x, y, z, h, w, length, yaw) in enumerate(boxes_velo):
+        dx, dy, dz = points[:, 0] - x, points[:, 1] - y, points[:, 2] - z - h / 2
+        along, across = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
+        outside = np.maximum.reduce([np.abs(along) - length / 2, np.abs(across) - w / 2, np.abs(dz) - h / 2])
+        owner[(outside <= margin) & (owner < 0)] = NEAR
+        owner[outside <= 0] = k
+    return owner
+
+
+def _relative_to_regions(boxes_velo: Tensor, regions: Tensor) -> Tensor:
+    """Boxes as regions see them, centre to centre: (R, 7), (R, 7) -> (R, 7)."""
+    center, own = _centers(boxes_velo), _centers(regions)
+    moved = to_regions(center[:, None], own, regions[:, 6])[:, 0]
+    return torch.cat([moved, boxes_velo[:, 3:6], boxes_velo[:, 6:] - regions[:, 6:]], dim=1)
+
+
+def _from_regions(boxes: Tensor, regions: Tensor) -> Tensor:
+    """The way back: (R, 7) boxes as regions see them -> (R, 7) ``boxes_velo``."""
+    center = to_regions(boxes[:, None, :3], torch.zeros_like(regions[:, :3]), -regions[:, 6])[:, 0] + _centers(regions)
+    bottom = center[:, 2:] - boxes[:, 3:4] / 2
+    return torch.cat([center[:, :2], bottom, boxes[:, 3:6], boxes[:, 6:] + regions[:, 6:]], dim=1)
+
+
+def _centers(boxes_velo: Tensor) -> Tensor:
+    return torch.cat([boxes_velo[:, :2], boxes_velo[:, 2:3] + boxes_velo[:, 3:4] / 2], dim=1)
+
+
+def _levels(rows: object) -> list[Level]:
+    assert isinstance(rows, Sequence)
+    return [Level(row["count"], *(_tuples(row[key]) for key in ("radii", "samples", "widths"))) for row in rows]
+
+
+def _tuples(value: object) -> tuple[object, ...]:
+    assert isinstance(value, Sequence)
+    return tuple(_tuples(one) if isinstance(one, Sequence) else one for one in value)
+
+
+def _start(network: nn.Module, initialise: object) -> None:
+    """Weights by a rule, zero biases, and boxes that start at almost nothing."""
+    assert callable(initialise)
+    for module in network.modules():
+        if isinstance(module, nn.Linear):
+            initialise(module.weight)
+            if module.bias is not None:
+                nn.init.zeros_(module.bias)
+    nn.init.normal_(_last(network.box).weight, std=0.001)
+
+
+def _last(layers: object) -> nn.Linear:
+    assert isinstance(layers, nn.Sequential)
+    last = layers[-1]
+    assert isinstance(last, nn.Linear)
+    return last
