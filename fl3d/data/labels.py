@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,6 +55,12 @@ class Labels:
             self.boxes_cam[mask],
             None if self.scores is None else self.scores[mask],
         )
+
+
+def joined(parts: Sequence[Labels]) -> Labels:
+    """Labels without scores, one behind the other."""
+    fields = ("types", "truncated", "occluded", "alpha", "boxes_image", "boxes_cam")
+    return Labels(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
 
 
 def labels_from_columns(types: list[str], values: NDArray[np.float64], scored: bool) -> Labels:

@@ -101,7 +101,7 @@ class BinCode:
 
     def _split(self, outputs: Tensor) -> tuple[Tensor, ...]:
         n, yaws = self.bins, self.yaw_bins
-        return outputs.split([n, n, n, n, 1, yaws, yaws, 3], dim=1)
+        return torch.split(outputs, [n, n, n, n, 1, yaws, yaws, 3], dim=1)
 
     def _place_targets(self, places: Tensor) -> tuple[Tensor, Tensor]:
         """Bins, and distances from their middles in bins; what lies too far is clipped into the last bin."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import log, pi
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,9 +22,10 @@ from fl3d.data.voxels import Grid
 from fl3d.detectors.base import Batch, Detector, Found, Sample
 from fl3d.detectors.bins import BinCode
 from fl3d.detectors.blocks import join, join_ragged, sigmoid, top_scores
-from fl3d.detectors.rois import ProposalRule, RoiRule, pool, to_regions
+from fl3d.detectors.regions import from_regions, pool, relative_to_regions
+from fl3d.detectors.rois import ProposalRule, RoiRule
 from fl3d.errors import ConfigError, options
-from fl3d.geometry.boxes import Array, wrap
+from fl3d.geometry.boxes import NEAR, Array, Points, owners, wrap
 from fl3d.losses import BalancedFocalLoss
 from fl3d.points.network import Backbone, Level, PointMLP, SetAbstraction
 
@@ -36,9 +38,9 @@ DEPTH_SCALE = 70.0  # metres
 def head(c_in: int, widths: Sequence[int], c_out: int, norm: bool, dropout: float) -> nn.Sequential:
     """Layers with dropout after the first, and a bare last one."""
     first, *rest = widths
-    layers = [*PointMLP(c_in, [first], norm), nn.Dropout(dropout)]
-    for c_out_before, width in zip(widths, rest, strict=False):
-        layers += PointMLP(c_out_before, [width], norm)
+    layers: list[nn.Module] = [PointMLP(c_in, [first], norm), nn.Dropout(dropout)]
+    if rest:
+        layers.append(PointMLP(first, rest, norm))
     return nn.Sequential(*layers, nn.Linear(widths[-1], c_out))
 
 
@@ -122,7 +124,7 @@ class RCNN(nn.Module):
         self.levels, width = nn.ModuleList(), sizes.merged
         for level in sizes.levels:
             self.levels.append(SetAbstraction(width, level, norm=False))
-            width = self.levels[-1].c_out
+            width = level.c_out
         self.score = head(width, sizes.head, 1, False, 0.0)
         self.box = head(width, sizes.head, code.width, False, 0.0)
 
@@ -166,27 +168,27 @@ class PointRCNN(Detector):
         margin: float,
         size: Sequence[float],
         targets: TargetRule,
-        levels: Sequence[Mapping[str, object]],
+        levels: Sequence[Mapping[str, Any]],
         up: Sequence[Sequence[int]],
         rpn: Mapping[str, float],
-        train: Mapping[str, object],
-        test: Mapping[str, object],
-        rcnn: Mapping[str, object] | None = None,
+        train: Mapping[str, Any],
+        test: Mapping[str, Any],
+        rcnn: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__()
         self.point_loss = loss
         self.grid = Grid(range_velo, [a - b for a, b in zip(range_velo[3:], range_velo[:3], strict=True)])
         self.n_points, self.far, self.margin, self.targets = points, far, margin, targets
-        self.rules = {True: ProposalRule(**train), False: ProposalRule(**test)}  # type: ignore[arg-type]
+        self.rules = {True: ProposalRule(**train), False: ProposalRule(**test)}
         self.code = BinCode(rpn["search"], rpn["bin"], int(rpn["yaw_bins"]), 2 * pi, size)
-        backbone = Backbone(_levels(levels), up)
+        backbone = Backbone([Level(**level) for level in levels], up)
         self.rpn = RPN(backbone, int(rpn["head"]), self.code, rpn["dropout"])
         _start(self.rpn, nn.init.kaiming_normal_)
         nn.init.constant_(_last(self.rpn.score).bias, -log((1 - PRIOR) / PRIOR))
         self.rcnn: RCNN | None = None
         if rcnn is not None:
-            own = {"levels": _levels(rcnn["levels"]), "rois": RoiRule(**rcnn["rois"])}  # type: ignore[arg-type]
-            self.second = Refinement(**{**rcnn, **own})  # type: ignore[arg-type]
+            own = {"levels": [Level(**level) for level in rcnn["levels"]], "rois": RoiRule(**rcnn["rois"])}
+            self.second = Refinement(**{**rcnn, **own})
             self.roi_code = BinCode(self.second.search, self.second.bin, self.second.yaw_bins, pi / 2, size)
             self.rcnn = RCNN(self.second, backbone.c_out, self.roi_code)
             _start(self.rcnn, nn.init.xavier_normal_)
@@ -213,7 +215,7 @@ class PointRCNN(Detector):
             sample["own"] = objects[owner[owner >= 0]].astype(np.float32)
         return sample
 
-    def _sample(self, points: Array, rng: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    def _sample(self, points: Points, rng: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
         """Indices of exactly ``points`` of them, far ones first, in random order; copies where there are fewer."""
         order = rng.permutation(len(points))
         if len(points) >= self.n_points:
@@ -295,7 +297,7 @@ class PointRCNN(Detector):
         frames = torch.arange(len(counts)).repeat_interleave(torch.tensor(counts)).to(logits.device)
         regions, targets = regions.float(), targets.float()
         rows_in = self._pool(batch, logits, features, regions, frames)
-        relative = _relative_to_regions(targets, regions)
+        relative = relative_to_regions(targets, regions)
         self._augment(rows_in, relative, rng)
         scores, codes = self.rcnn(rows_in)
         rule = self.second.rois
@@ -330,7 +332,7 @@ class PointRCNN(Detector):
             every = torch.from_numpy(np.concatenate(proposals)).to(logits.device).float()
             frames = torch.arange(len(counts)).repeat_interleave(torch.tensor(counts)).to(logits.device)
             refined, codes = self.rcnn(self._pool(batch, logits, features, every, frames))
-            boxes_velo = _from_regions(self.roi_code.decode(codes.float()), every).double().cpu().numpy()
+            boxes_velo = from_regions(self.roi_code.decode(codes.float()), every).double().cpu().numpy()
             ends = np.cumsum(counts)[:-1]
             proposals, scores = np.split(boxes_velo, ends), np.split(refined.float().cpu().numpy(), ends)
         found = []
@@ -343,49 +345,6 @@ class PointRCNN(Detector):
     def example(self) -> Batch:
         """A frame of points."""
         return {"points": torch.zeros(1, self.n_points, 3)}
-
-
-NEAR, NONE = -2, -1
-
-
-def owners(points: Array, boxes_velo: Array, margin: float) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Which box each point lies in; ``NEAR`` within ``margin`` metres of one, else ``NONE``: (N, 3), (K, 7) -> (N,)."""
-    owner = np.full(len(points), NONE, dtype=np.int64)
-    for k, (x, y, z, h, w, length, yaw) in enumerate(boxes_velo):
-        dx, dy, dz = points[:, 0] - x, points[:, 1] - y, points[:, 2] - z - h / 2
-        along, across = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
-        outside = np.maximum.reduce([np.abs(along) - length / 2, np.abs(across) - w / 2, np.abs(dz) - h / 2])
-        owner[(outside <= margin) & (owner < 0)] = NEAR
-        owner[outside <= 0] = k
-    return owner
-
-
-def _relative_to_regions(boxes_velo: Tensor, regions: Tensor) -> Tensor:
-    """Boxes as regions see them, centre to centre: (R, 7), (R, 7) -> (R, 7)."""
-    center, own = _centers(boxes_velo), _centers(regions)
-    moved = to_regions(center[:, None], own, regions[:, 6])[:, 0]
-    return torch.cat([moved, boxes_velo[:, 3:6], boxes_velo[:, 6:] - regions[:, 6:]], dim=1)
-
-
-def _from_regions(boxes: Tensor, regions: Tensor) -> Tensor:
-    """The way back: (R, 7) boxes as regions see them -> (R, 7) ``boxes_velo``."""
-    center = to_regions(boxes[:, None, :3], torch.zeros_like(regions[:, :3]), -regions[:, 6])[:, 0] + _centers(regions)
-    bottom = center[:, 2:] - boxes[:, 3:4] / 2
-    return torch.cat([center[:, :2], bottom, boxes[:, 3:6], boxes[:, 6:] + regions[:, 6:]], dim=1)
-
-
-def _centers(boxes_velo: Tensor) -> Tensor:
-    return torch.cat([boxes_velo[:, :2], boxes_velo[:, 2:3] + boxes_velo[:, 3:4] / 2], dim=1)
-
-
-def _levels(rows: object) -> list[Level]:
-    assert isinstance(rows, Sequence)
-    return [Level(row["count"], *(_tuples(row[key]) for key in ("radii", "samples", "widths"))) for row in rows]
-
-
-def _tuples(value: object) -> tuple[object, ...]:
-    assert isinstance(value, Sequence)
-    return tuple(_tuples(one) if isinstance(one, Sequence) else one for one in value)
 
 
 def _start(network: nn.Module, initialise: object) -> None:

@@ -1,7 +1,7 @@
-"""Regions of interest of a two-stage detector: chosen among proposals, drawn for training, and their points pooled.
+"""Regions of interest of a two-stage detector: chosen among proposals, and drawn for training.
 
 Shi, Wang, Li: PointRCNN: 3D Object Proposal Generation and Detection from Point Cloud. CVPR 2019, §3.3 and §3.4.
-Boxes are ``boxes_velo`` throughout; the work on a hundred boxes is done on the CPU.
+Boxes are ``boxes_velo`` throughout, in NumPy: a hundred boxes are work for a CPU.
 """
 
 from __future__ import annotations
@@ -10,13 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from fl3d.geometry.iou import bev_and_3d_iou_velo
 from fl3d.geometry.nms import nms
-from fl3d.points.operators import first_true
 
 Float = NDArray[np.float64]
 # Jitter of a region: shift in metres, scale, turn in degrees; one of the rows is drawn (the code's five strengths).
@@ -148,35 +145,3 @@ def _best(boxes: Float, objects: Float) -> tuple[Float, NDArray[np.int64]]:
 
 def _paired(boxes: Float, objects: Float) -> Float:
     return np.diagonal(bev_and_3d_iou_velo(boxes, objects)[1]).copy()
-
-
-def pool(points: Tensor, features: Tensor, regions: Tensor, frames: Tensor, extra: float, count: int) -> Tensor:
-    """Points of regions in their own frames: centre at the origin, length along x.
-
-    Args:
-        points: (B, N, 3) in the LiDAR frame.
-        features: (B, N, C).
-        regions: (R, 7) ``boxes_velo``.
-        frames: (R,) frame of each.
-        extra: metres that a region is enlarged by on each side.
-        count: the first so many points; the first repeats where there are fewer, and all are zero where there is none.
-
-    Returns:
-        (R, count, 3 + C).
-    """
-    half = regions[:, [5, 4, 3]] / 2 + extra  # along x, y, z of the region
-    center = regions[:, :3].clone()
-    center[:, 2] += regions[:, 3] / 2
-    inside = (to_regions(points[frames], center, regions[:, 6]).abs() <= half[:, None]).all(dim=-1)
-    index = first_true(inside, count) + frames[:, None] * points.shape[1]
-    taken = points.flatten(0, 1)[index], features.flatten(0, 1)[index]
-    rows = torch.cat([to_regions(taken[0], center, regions[:, 6]), taken[1]], dim=-1)
-    return rows * inside.any(dim=1)[:, None, None]
-
-
-def to_regions(places: Tensor, center: Tensor, yaw: Tensor) -> Tensor:
-    """Places as regions see them: (R, N, 3), (R, 3), (R,) -> (R, N, 3)."""
-    moved = places - center[:, None]
-    cos, sin = yaw.cos()[:, None], yaw.sin()[:, None]
-    x, y = moved[..., 0], moved[..., 1]
-    return torch.stack([x * cos + y * sin, y * cos - x * sin, moved[..., 2]], dim=-1)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Points = NDArray[np.float32] | NDArray[np.float64]
 
+NEAR, NONE = -2, -1  # no owner, see ``owners``
 # Signs of (l, w, h) of each corner, h = -1 at the bottom: the fixed order in which 3D-FCN regresses corners.
 CORNER_SIGNS = np.array(
     [
@@ -122,13 +123,29 @@ def standup(rectangles: Array) -> Array:
     return np.column_stack([u - half_u, v - half_v, u + half_u, v + half_v])
 
 
-def count_points_inside(points_velo: Points, boxes_velo: Array) -> NDArray[np.int64]:
-    """How many points lie in each box: (P, >=3), (N, 7) -> (N,)."""
-    counts = np.zeros(len(boxes_velo), dtype=np.int64)
+def points_inside(points_velo: Points, boxes_velo: Array) -> NDArray[np.bool_]:
+    """Which points lie in each box: (P, >=3), (N, 7) -> (N, P)."""
+    inside = np.zeros((len(boxes_velo), len(points_velo)), dtype=bool)
     for i, (x, y, z, h, w, length, yaw) in enumerate(boxes_velo):
         dx, dy, dz = points_velo[:, 0] - x, points_velo[:, 1] - y, points_velo[:, 2] - z
         along = dx * np.cos(yaw) + dy * np.sin(yaw)
         across = dy * np.cos(yaw) - dx * np.sin(yaw)
-        inside = (np.abs(along) <= length / 2) & (np.abs(across) <= w / 2) & (dz >= 0) & (dz <= h)
-        counts[i] = inside.sum()
-    return counts
+        inside[i] = (np.abs(along) <= length / 2) & (np.abs(across) <= w / 2) & (dz >= 0) & (dz <= h)
+    return inside
+
+
+def count_points_inside(points_velo: Points, boxes_velo: Array) -> NDArray[np.int64]:
+    """How many points lie in each box: (P, >=3), (N, 7) -> (N,)."""
+    return points_inside(points_velo, boxes_velo).sum(axis=1)
+
+
+def owners(points_velo: Points, boxes_velo: Array, margin: float) -> NDArray[np.int64]:
+    """Which box each point lies in; ``NEAR`` within ``margin`` metres of one, else ``NONE``: (N, 3), (K, 7) -> (N,)."""
+    owner = np.full(len(points_velo), NONE, dtype=np.int64)
+    for k, (x, y, z, h, w, length, yaw) in enumerate(boxes_velo):
+        dx, dy, dz = points_velo[:, 0] - x, points_velo[:, 1] - y, points_velo[:, 2] - z - h / 2
+        along, across = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
+        outside = np.maximum.reduce([np.abs(along) - length / 2, np.abs(across) - w / 2, np.abs(dz) - h / 2])
+        owner[(outside <= margin) & (owner < 0)] = NEAR
+        owner[outside <= 0] = k
+    return owner

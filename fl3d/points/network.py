@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from fl3d.points.operators import ball_query, farthest_points, gather, interpolate
 
 
-class PointMLP(nn.Sequential):
+class PointMLP(nn.Module):
     """Linear layers with batch normalisation and ReLU, point by point: (..., c_in) -> (..., widths[-1]).
 
     Args:
@@ -21,18 +21,19 @@ class PointMLP(nn.Sequential):
     """
 
     def __init__(self, c_in: int, widths: Sequence[int], norm: bool = True) -> None:
+        super().__init__()
         layers: list[nn.Module] = []
         for width in widths:
             layers.append(nn.Linear(c_in, width, bias=not norm))
             layers += [nn.BatchNorm1d(width)] if norm else []
             layers.append(nn.ReLU(inplace=True))
             c_in = width
-        super().__init__(*layers)
+        self.layers = nn.Sequential(*layers)
         self.c_out = c_in
 
     def forward(self, rows: Tensor) -> Tensor:
         """As ``Sequential``, whatever the leading axes."""
-        out: Tensor = super().forward(rows.flatten(0, -2))
+        out: Tensor = self.layers(rows.flatten(0, -2))
         return out.view(*rows.shape[:-1], self.c_out)
 
 
@@ -48,9 +49,14 @@ class Level:
     """
 
     count: int | None
-    radii: tuple[float, ...]
-    samples: tuple[int, ...]
-    widths: tuple[tuple[int, ...], ...]
+    radii: Sequence[float]
+    samples: Sequence[int]
+    widths: Sequence[Sequence[int]]
+
+    @property
+    def c_out(self) -> int:
+        """Width of what comes out, all scales together."""
+        return sum(widths[-1] for widths in self.widths)
 
 
 class SetAbstraction(nn.Module):
@@ -66,7 +72,6 @@ class SetAbstraction(nn.Module):
         super().__init__()
         self.level = level
         self.scales = nn.ModuleList(PointMLP(3 + c_in, widths, norm) for widths in level.widths)
-        self.c_out = sum(widths[-1] for widths in level.widths)
 
     def forward(self, points: Tensor, features: Tensor | None) -> tuple[Tensor, Tensor]:
         """(B, N, 3), (B, N, c_in) or None -> centres (B, M, 3) and their features (B, M, c_out)."""
@@ -99,7 +104,7 @@ class Backbone(nn.Module):
         widths = [0]
         for level in levels:
             self.down.append(SetAbstraction(widths[-1], level))
-            widths.append(self.down[-1].c_out)
+            widths.append(level.c_out)
         c_in = widths.pop()
         for own in up:
             self.up.append(PointMLP(c_in + widths.pop(), own))

@@ -5,6 +5,8 @@ Qi, Yi, Su, Guibas: PointNet++: Deep Hierarchical Feature Learning on Point Sets
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -39,7 +41,7 @@ def farthest_points(points: Tensor, count: int) -> Tensor:
     return chosen
 
 
-def ball_query(points: Tensor, centers: Tensor, radii: tuple[float, ...], counts: tuple[int, ...]) -> list[Tensor]:
+def ball_query(points: Tensor, centers: Tensor, radii: Sequence[float], counts: Sequence[int]) -> list[Tensor]:
     """The first points, in the cloud's order, within each radius of each centre.
 
     Args:
@@ -55,7 +57,7 @@ def ball_query(points: Tensor, centers: Tensor, radii: tuple[float, ...], counts
         return [torch.zeros(*centers.shape[:2], count, dtype=torch.int64, device="meta") for count in counts]
     size = max(1, PAIRS_AT_ONCE // max(1, points.shape[1] * centers.shape[1]))
     parts = []
-    for some, around in zip(points.split(size), centers.split(size), strict=True):
+    for some, around in zip(torch.split(points, size), torch.split(centers, size), strict=True):
         distances = torch.cdist(around, some, compute_mode="donot_use_mm_for_euclid_dist")
         parts.append([first_true(distances < radius, count) for radius, count in zip(radii, counts, strict=True)])
     return [torch.cat(columns) for columns in zip(*parts, strict=True)]
@@ -99,7 +101,7 @@ def interpolate(points: Tensor, known: Tensor, features: Tensor) -> Tensor:
     size = max(1, PAIRS_AT_ONCE // max(1, points.shape[1] * known.shape[1]))
     nearest = [
         torch.cdist(some, others, compute_mode="donot_use_mm_for_euclid_dist").topk(count, largest=False)
-        for some, others in zip(points.split(size), known.split(size), strict=True)
+        for some, others in zip(torch.split(points, size), torch.split(known, size), strict=True)
     ]
     distances, index = (torch.cat([found[part] for found in nearest]) for part in (0, 1))
     weights = 1 / (distances + 1e-8)

@@ -11,6 +11,8 @@ from fl3d.records import Config
 # Keys that can change the weights, the detections or the scores' steps of a stage.
 RESULT = (
     "detector.*",
+    "augment",
+    "augment.*",
     "loss.*",
     "optimizer.*",
     "schedule.batch_size",

@@ -16,7 +16,7 @@ from fl3d.results import names
 from fl3d.sweep.identity import result_config
 from fl3d.sweep.plan import DataInfo, Plan, make_plan
 from fl3d.sweep.sweepers.base import Point
-from fl3d.training.build import build_detector, build_optimizer
+from fl3d.training.build import build_augmentation, build_detector, build_optimizer
 from fl3d.training.precision import check_precision
 from fl3d.training.trainer import VERSION as TRAINER_VERSION
 
@@ -82,6 +82,7 @@ class Planner:
         self.detectors.setdefault(target, locate(target, "detector._target_"))
         with torch.device("meta"):
             build_optimizer(point.config, build_detector(point.config))
+        build_augmentation(point.config)
 
     def _check_tables(self, points: Sequence[Point]) -> None:
         tables = self.base["sweep"]["tables"]

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 
 from fl3d.config import build
+from fl3d.data.augment import Augmentation
 from fl3d.detectors.base import Detector
 from fl3d.evaluation.protocol import Protocol
 from fl3d.records import Config
@@ -26,6 +27,14 @@ def build_optimizer(config: Config, detector: Detector) -> torch.optim.Optimizer
     parameters = [parameter for parameter in detector.parameters() if parameter.requires_grad]
     optimizer: torch.optim.Optimizer = build(config["optimizer"], "optimizer", params=parameters)
     return optimizer
+
+
+def build_augmentation(config: Config) -> Augmentation | None:
+    """What changes training frames; None where nothing does."""
+    if config["augment"] is None:
+        return None
+    augmentation: Augmentation = build(config["augment"], "augment")
+    return augmentation
 
 
 def build_schedule(config: Config, machine: Config) -> Schedule:

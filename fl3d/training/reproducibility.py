@@ -21,7 +21,7 @@ def prepare(seed: int, device: str, precision: str = "float32") -> None:
         os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.use_deterministic_algorithms(True, warn_only=device != "cpu")
     # Torch would write NaN into all fresh memory, in case a kernel read it unwritten; that is a third of some steps.
-    torch.utils.deterministic.fill_uninitialized_memory = False
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     torch.manual_seed(seed)
 
 

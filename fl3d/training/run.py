@@ -20,7 +20,7 @@ from fl3d.evaluation.protocol import Protocol
 from fl3d.files import write_text
 from fl3d.leases import Lease, leased
 from fl3d.records import Checkpoint, Config, Stage, StagePaths
-from fl3d.training.build import build_detector, build_optimizer, build_protocol, build_schedule
+from fl3d.training.build import build_augmentation, build_detector, build_optimizer, build_protocol, build_schedule
 from fl3d.training.checkpoints import State, last_state, load_state, read_marker, save_state, write_marker
 from fl3d.training.reproducibility import prepare
 from fl3d.training.trainer import Averages, Trainer, detect_frames
@@ -88,7 +88,16 @@ class _Run:
         workers = self.machine["workers"]
         if workers is None:
             workers = 0 if self.device == "cpu" else CUDA_WORKERS
-        self.trainer = Trainer(self.stage, self.detector, optimizer, self.schedule, self.train, self.device, workers)
+        self.trainer = Trainer(
+            self.stage,
+            self.detector,
+            optimizer,
+            self.schedule,
+            self.train,
+            self.device,
+            workers,
+            build_augmentation(config),
+        )
         self.timer = _Timer()
         self._shown = 0.0
         self._saved = -1  # step of the last whole checkpoint

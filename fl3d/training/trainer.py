@@ -12,6 +12,7 @@ import torch
 from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
+from fl3d.data.augment import Augmentation
 from fl3d.data.dataset import Frames, epoch_order
 from fl3d.detectors.base import Batch, Detector, Found, Sample
 from fl3d.errors import CheckpointError, TrainingError
@@ -60,12 +61,14 @@ Draw = tuple[int, int, int]  # of a sample: epoch, position in it, frame
 class _Samples(Dataset[Sample]):
     """Encoded frames, by epoch, position in it and frame; randomness comes from the first two."""
 
-    def __init__(self, detector: Detector, frames: Frames, seed: int) -> None:
-        self.detector, self.frames, self.seed = detector, frames, seed
+    def __init__(self, detector: Detector, frames: Frames, seed: int, augment: Augmentation | None) -> None:
+        self.detector, self.frames, self.seed, self.augment = detector, frames, seed, augment
 
     def __getitem__(self, draw: Draw) -> Sample:
-        epoch, position, frame = draw
-        return self.detector.encode(self.frames[frame], sample_generator(self.seed, epoch, position), training=True)
+        epoch, position, index = draw
+        rng = sample_generator(self.seed, epoch, position)
+        frame = self.frames[index] if self.augment is None else self.augment(self.frames, index, rng)
+        return self.detector.encode(frame, rng, training=True)
 
 
 @dataclass
@@ -110,6 +113,7 @@ class Trainer:
         frames: training frames.
         device: torch's name of it.
         workers: loader processes; 0 loads in this one. The number does not change a bit.
+        augment: changes training frames at random; None: they are as they are.
     """
 
     def __init__(
@@ -121,9 +125,10 @@ class Trainer:
         frames: Frames,
         device: str = "cpu",
         workers: int = 0,
+        augment: Augmentation | None = None,
     ) -> None:
         self.stage, self.detector, self.optimizer, self.schedule = stage, detector, optimizer, schedule
-        self.frames, self.device, self.workers = frames, device, workers
+        self.frames, self.device, self.workers, self.augment = frames, device, workers, augment
         self.seed: int = stage.config["seed"]
         self.precision: str = stage.config["precision"]
         self.base_lr: float = optimizer.param_groups[0]["lr"] * schedule.lr_factor
@@ -200,7 +205,7 @@ class Trainer:
     def _loader(self) -> DataLoader[Sample]:
         """Batches from here to the end of the stage: its processes live as long, and work ahead."""
         return DataLoader(
-            _Samples(self.detector, self.frames, self.seed),
+            _Samples(self.detector, self.frames, self.seed, self.augment),
             batch_sampler=list(self._draws()),
             collate_fn=self.detector.collate,
             num_workers=self.workers,

@@ -1,0 +1,169 @@
+"""Change training frames at random: objects of other frames put in, flip, turn and scale. For any detector.
+
+Yan, Mao, Li: SECOND: Sparsely Embedded Convolutional Detection. Sensors 2018, §3.2.2; numbers as in PointRCNN's code.
+All of it happens in the LiDAR frame; labels keep what is not a box in space, such as the 2D box, as it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl3d.data.dataset import Frames
+from fl3d.data.kitti import Frame
+from fl3d.data.labels import joined
+from fl3d.data.road import ROADS, road_height
+from fl3d.errors import ConfigError, options
+from fl3d.geometry.boxes import Array, points_inside, rectangles_velo, wrap
+from fl3d.geometry.iou import bev_iou
+
+LEAST_HEIGHT, MOST_OCCLUDED, MOST_TRUNCATED = 25.0, 2, 0.5  # pixels; of KITTI's level hard
+HEADROOM = 2.0  # metres above an object that is put in, cleared of the scene's points
+
+
+@dataclass(frozen=True)
+class Object:
+    """An object of a frame, to be put into others.
+
+    Args:
+        points_velo: (P, 4) inside the box.
+        box_velo: (7,).
+        row: of the frame's labels.
+    """
+
+    points_velo: NDArray[np.float32]
+    box_velo: Array
+    row: int
+
+
+@dataclass(frozen=True)
+class ObjectSampling:
+    """Which objects of other frames are put into a frame.
+
+    Args:
+        classes: of the objects.
+        tries: fewest and most objects that are tried in one frame; those that find room stay.
+        attempts: draws at most.
+        hard_share: of the draws look for an object of few points.
+        hard_points: an object with more is not hard.
+        min_points: an object with fewer is not taken.
+        gap: metres that an object's length and width are enlarged by where it is tried against the others.
+        road: ``fitted`` to the frame's points, or ``planes``, files as KITTI's users share them.
+
+    Raises:
+        ConfigError: a road that does not exist.
+    """
+
+    classes: Sequence[str]
+    tries: tuple[int, int]
+    attempts: int
+    hard_share: float
+    hard_points: int
+    min_points: int
+    gap: float
+    road: str
+
+    def __post_init__(self) -> None:
+        if self.road not in ROADS:
+            raise ConfigError(f"augment.objects.road: no choice '{self.road}'. {options(self.road, ROADS)}")
+
+    def objects(self, frame: Frame) -> list[Object]:
+        """What of a frame may be put into others."""
+        labels = frame.labels
+        height = labels.boxes_image[:, 3] - labels.boxes_image[:, 1]
+        fit = np.isin(labels.types, self.classes) & (height >= LEAST_HEIGHT)
+        fit &= (labels.occluded <= MOST_OCCLUDED) & (labels.truncated <= MOST_TRUNCATED)
+        rows = np.flatnonzero(fit)
+        boxes = frame.calibration.boxes_to_velo(labels.boxes_cam[rows])
+        inside = points_inside(frame.points_velo, boxes)
+        found = [Object(frame.points_velo[m], box, int(r)) for m, box, r in zip(inside, boxes, rows, strict=True)]
+        return [one for one in found if len(one.points_velo) >= self.min_points]
+
+
+class Augmentation:
+    """Random changes of training frames, in this order: objects, flip, turn, scale.
+
+    Args:
+        flip: probability of left for right.
+        turn: largest, in degrees, about the sensor.
+        scale: largest change of scale, as a share.
+        objects: what is put in; None: nothing.
+    """
+
+    def __init__(self, flip: float, turn: float, scale: float, objects: ObjectSampling | None = None) -> None:
+        self.flip, self.turn, self.scale, self.objects = flip, turn, scale, objects
+        self._bank: dict[int, list[Object]] = {}
+
+    def __call__(self, frames: Frames, index: int, rng: np.random.Generator) -> Frame:
+        """A frame, changed.
+
+        Args:
+            frames: of the training split.
+            index: which.
+            rng: all randomness.
+        """
+        frame = frames[index]
+        if self.objects is not None:
+            frame = self._put_in(frame, frames, self.objects, rng)
+        points = frame.points_velo.copy()
+        is_box = frame.labels.types != "DontCare"
+        boxes = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[is_box])
+        if rng.random() < self.flip:
+            points[:, 1] *= -1
+            boxes[:, [1, 6]] *= -1
+        _turn(points, boxes, np.deg2rad(rng.uniform(-self.turn, self.turn)))
+        factor = rng.uniform(1 - self.scale, 1 + self.scale)
+        points[:, :3] *= factor
+        boxes[:, :6] *= factor
+        boxes_cam = frame.labels.boxes_cam.copy()
+        boxes_cam[is_box] = frame.calibration.boxes_to_cam(boxes)
+        return replace(frame, points_velo=points, labels=replace(frame.labels, boxes_cam=boxes_cam))
+
+    def _put_in(self, frame: Frame, frames: Frames, rule: ObjectSampling, rng: np.random.Generator) -> Frame:
+        real = frame.labels.types != "DontCare"
+        taken = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[real])
+        points, labels = frame.points_velo, [frame.labels]
+        tries, ground = rng.integers(rule.tries[0], rule.tries[1]), None
+        for _ in range(rule.attempts):
+            if tries == 0:
+                break
+            other = int(rng.integers(len(frames)))
+            is_hard, pick = rng.random() < rule.hard_share, rng.random()
+            fit = [o for o in self._objects(frames, other) if (len(o.points_velo) <= rule.hard_points) or not is_hard]
+            if not fit:
+                continue
+            tries -= 1
+            one = fit[int(pick * len(fit))]
+            ground = road_height(frame, frames.folder, rule.road) if ground is None else ground
+            rise = ground(one.box_velo[:2]) - one.box_velo[2]
+            box = one.box_velo + np.array([0, 0, rise, 0, 0, 0, 0])
+            if (bev_iou(rectangles_velo(box[None] + _enlarged(rule.gap)), rectangles_velo(taken)) > 0).any():
+                continue
+            cleared = box[None] + np.array([0, 0, 0, HEADROOM, 0, 0, 0])
+            own = one.points_velo + np.array([0, 0, rise, 0], dtype=np.float32)
+            points = np.concatenate([points[~points_inside(points, cleared)[0]], own])
+            taken = np.concatenate([taken, box[None]])
+            source = frames[other].labels.select(np.arange(len(frames[other].labels)) == one.row)
+            labels.append(replace(source, boxes_cam=frame.calibration.boxes_to_cam(box[None])))
+        return replace(frame, points_velo=points, labels=joined(labels))
+
+    def _objects(self, frames: Frames, index: int) -> list[Object]:
+        assert self.objects is not None
+        if index not in self._bank:
+            self._bank[index] = self.objects.objects(frames[index])
+        return self._bank[index]
+
+
+def _turn(points: NDArray[np.float32], boxes: Array, angle: float) -> None:
+    cos, sin = np.cos(angle), np.sin(angle)
+    for rows in (points, boxes):
+        x, y = rows[:, 0].copy(), rows[:, 1].copy()
+        rows[:, 0], rows[:, 1] = x * cos - y * sin, x * sin + y * cos
+    boxes[:, 6] = wrap(boxes[:, 6] + angle)
+
+
+def _enlarged(gap: float) -> Array:
+    return np.array([0, 0, 0, 0, gap, gap, 0.0])

@@ -1,0 +1,58 @@
+"""The world as regions of interest see it: their centre at the origin, their length along x (PointRCNN, §3.3)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from fl3d.points.operators import first_true
+
+
+def pool(points: Tensor, features: Tensor, regions: Tensor, frames: Tensor, extra: float, count: int) -> Tensor:
+    """Points of regions in their own frames: centre at the origin, length along x.
+
+    Args:
+        points: (B, N, 3) in the LiDAR frame.
+        features: (B, N, C).
+        regions: (R, 7) ``boxes_velo``.
+        frames: (R,) frame of each.
+        extra: metres that a region is enlarged by on each side.
+        count: the first so many points; the first repeats where there are fewer, and all are zero where there is none.
+
+    Returns:
+        (R, count, 3 + C).
+    """
+    half = regions[:, [5, 4, 3]] / 2 + extra  # along x, y, z of the region
+    center = centers(regions)
+    inside = (to_regions(points[frames], center, regions[:, 6]).abs() <= half[:, None]).all(dim=-1)
+    index = first_true(inside, count) + frames[:, None] * points.shape[1]
+    taken = points.flatten(0, 1)[index], features.flatten(0, 1)[index]
+    rows = torch.cat([to_regions(taken[0], center, regions[:, 6]), taken[1]], dim=-1)
+    return rows * inside.any(dim=1)[:, None, None]
+
+
+def to_regions(places: Tensor, center: Tensor, yaw: Tensor) -> Tensor:
+    """Places as regions see them: (R, N, 3), (R, 3), (R,) -> (R, N, 3)."""
+    moved = places - center[:, None]
+    cos, sin = yaw.cos()[:, None], yaw.sin()[:, None]
+    x, y = moved[..., 0], moved[..., 1]
+    return torch.stack([x * cos + y * sin, y * cos - x * sin, moved[..., 2]], dim=-1)
+
+
+def relative_to_regions(boxes_velo: Tensor, regions: Tensor) -> Tensor:
+    """Boxes as regions see them, centre to centre: (R, 7), (R, 7) -> (R, 7)."""
+    center, own = centers(boxes_velo), centers(regions)
+    moved = to_regions(center[:, None], own, regions[:, 6])[:, 0]
+    return torch.cat([moved, boxes_velo[:, 3:6], boxes_velo[:, 6:] - regions[:, 6:]], dim=1)
+
+
+def from_regions(boxes: Tensor, regions: Tensor) -> Tensor:
+    """The way back: (R, 7) boxes as regions see them -> (R, 7) ``boxes_velo``."""
+    center = to_regions(boxes[:, None, :3], torch.zeros_like(regions[:, :3]), -regions[:, 6])[:, 0] + centers(regions)
+    bottom = center[:, 2:] - boxes[:, 3:4] / 2
+    return torch.cat([center[:, :2], bottom, boxes[:, 3:6], boxes[:, 6:] + regions[:, 6:]], dim=1)
+
+
+def centers(boxes_velo: Tensor) -> Tensor:
+    """(N, 7) ``boxes_velo`` -> (N, 3)."""
+    return torch.cat([boxes_velo[:, :2], boxes_velo[:, 2:3] + boxes_velo[:, 3:4] / 2], dim=1)
