@@ -11,7 +11,7 @@ FLOORS = [
     {"errors"},
     {"records", "files", "provenance", "digests"},
     {"geometry", "config", "leases"},
-    {"data", "losses", "sparse"},
+    {"data", "losses", "sparse", "points"},
     {"detectors", "evaluation"},
     {"training"},
     {"store", "reports"},
