@@ -14,7 +14,7 @@ OVERRIDES = data=$(DATA) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: help install sweep-% plan tables figures report ui check format test test-slow test-slurm test-ray test-postgres clean
+.PHONY: help install sweep-% sweep-pointrcnn plan tables figures report ui check format test test-slow test-slurm test-ray test-postgres clean
 
 help:  ## list the targets
 	@echo "Targets (options: DATA=simulated|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|standard|paper ARGS='...'):"
@@ -32,6 +32,11 @@ install: .venv/installed  ## make .venv with the pinned packages
 sweep-%: .venv/installed  ## train, score and tabulate sweeps/NAME.yaml; again: goes on, or says that all is done
 	@test -f sweeps/$*.yaml || { echo "no sweeps/$*.yaml; there are: $(basename $(notdir $(wildcard sweeps/*.yaml)))" >&2; exit 2; }
 	$(BIN)/python -m fl3d -m +sweep=$* $(OVERRIDES)
+
+POINTRCNN := default batch alpha bins rcnn
+
+sweep-pointrcnn: .venv/installed  ## the report's sweeps of PointRCNN, each going on from the winner before: Tables R1 to R5
+	for name in $(POINTRCNN); do $(MAKE) --no-print-directory sweep-pointrcnn_$$name || exit 1; done
 
 plan: .venv/installed  ## show what a sweep would do: stages, what is done, time, FLOPs, disk (SWEEP=gamma)
 	$(BIN)/python -m fl3d plan +sweep=$(SWEEP) $(OVERRIDES)

@@ -102,8 +102,9 @@ def plan(arguments: list[str]) -> None:
     overrides = parser.parse_args(arguments).overrides
     from fl3d.config import multirun
     from fl3d.preview import preview
+    from fl3d.sweep.winners import with_winners
 
-    preview(multirun(overrides or ["+sweep=gamma"]))
+    preview(with_winners(multirun(overrides or ["+sweep=gamma"])))
 
 
 def tables(arguments: list[str]) -> None:

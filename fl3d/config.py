@@ -66,12 +66,14 @@ class Multirun:
         sweeper: section of Hydra's config, with its ``_target_``.
         launcher: likewise.
         arguments: overrides of the task, swept ones among them.
+        base: resolved config without what is swept.
         compose: makes a resolved config of overrides.
     """
 
     sweeper: Config
     launcher: Config
     arguments: list[str]
+    base: Config
     compose: Callable[[Sequence[str]], Config]
 
 
@@ -110,7 +112,8 @@ def multirun_of(loader: ConfigLoader, composed: DictConfig, arguments: list[str]
         except (HydraException, OmegaConfBaseException) as error:
             raise ConfigError(str(error).strip()) from None
 
-    return Multirun(section(composed.hydra, "sweeper"), section(composed.hydra, "launcher"), arguments, compose_trial)
+    sweeper, launcher = (section(composed.hydra, name) for name in ("sweeper", "launcher"))
+    return Multirun(sweeper, launcher, arguments, resolve(composed), compose_trial)
 
 
 def _is_plain_value(override: Override, composed: DictConfig) -> bool:

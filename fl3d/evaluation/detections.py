@@ -19,6 +19,7 @@ from fl3d.data.projection import project_boxes
 from fl3d.errors import DataError
 from fl3d.evaluation.average_precision import Comparison, compare, evaluate
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.recall import OVERLAPS, recall_of_boxes
 from fl3d.files import write_atomically
 from fl3d.geometry.boxes import rectangles_velo
 from fl3d.geometry.nms import nms
@@ -155,10 +156,11 @@ def compare_stored(detections: Detections, validation: Validation, protocol: Pro
 
 
 def score(detections: Detections, validation: Validation, protocol: Protocol) -> dict[str, float]:
-    """AP of a checkpoint's detections of cars; arguments and errors as ``compare_stored``.
+    """AP of a checkpoint's detections of cars, and recall of all its boxes; arguments and errors as ``compare_stored``.
 
     Returns:
-        ``{"ap_3d/moderate": ..., "ap_3d_r40/moderate": ..., ...}`` for image, bev and 3d; percent.
+        ``{"ap_3d/moderate": ..., "ap_3d_r40/moderate": ..., ...}`` for image, bev and 3d in percent; and
+        ``{"recall_3d/0.5": ...}``, the share of cars that any stored box overlaps by more, before cut and suppression.
     """
     curves = evaluate(compare_stored(detections, validation, protocol), ["Car"])["Car"]
     scores_by_name = {}
@@ -166,7 +168,20 @@ def score(detections: Detections, validation: Validation, protocol: Protocol) ->
         for difficulty, curve in levels.items():
             scores_by_name[f"ap_{metric}/{difficulty}"] = curve.ap_r11
             scores_by_name[f"ap_{metric}_r40/{difficulty}"] = curve.ap_r40
-    return scores_by_name
+    shares = recall_of_boxes(_cars_and_boxes(detections, validation, protocol))
+    return scores_by_name | {f"recall_3d/{t:g}": float(share) for t, share in zip(OVERLAPS, shares, strict=True)}
+
+
+def _cars_and_boxes(
+    detections: Detections, validation: Validation, protocol: Protocol
+) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Of each frame every car within the protocol's area, whatever its difficulty, and every stored box."""
+    found = []
+    for index, (labels, calibration) in enumerate(zip(validation.labels, validation.calibrations, strict=True)):
+        cars = (labels.types == "Car") & ~_beyond(labels, calibration, protocol)
+        objects = calibration.boxes_to_velo(labels.boxes_cam[cars])
+        found.append((objects, detections.boxes_velo[detections.frame == index]))
+    return found
 
 
 def _beyond(labels: Labels, calibration: Calibration, protocol: Protocol) -> NDArray[np.bool_]:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from fl3d.data.label_table import NAMES, LabelTable
 from fl3d.evaluation.overlaps import Overlaps
+from fl3d.geometry.boxes import Array
+from fl3d.geometry.iou import bev_and_3d_iou_velo
 
 OVERLAPS = (0.1, 0.3, 0.5, 0.7, 0.9)
 
@@ -34,3 +36,23 @@ def recall(
     np.maximum.at(best, owner, overlaps.values[2])
     best = best[gt.types == NAMES.index(name.lower())]
     return np.array([(best > t).mean() if len(best) else 0.0 for t in thresholds])
+
+
+def recall_of_boxes(
+    frames: Sequence[tuple[Array, Array]], thresholds: Sequence[float] = OVERLAPS
+) -> NDArray[np.float64]:
+    """The same of plain boxes, such as a detector's before any score cut and suppression.
+
+    Args:
+        frames: of each frame the objects (G, 7) and the boxes (N, 7), both ``boxes_velo``.
+        thresholds: T overlaps.
+
+    Returns:
+        (T,) in 0..1; 0 where there is no object.
+    """
+    best = [np.zeros(0)]
+    for objects, boxes in frames:
+        overlaps = bev_and_3d_iou_velo(objects, boxes)[1]
+        best.append(overlaps.max(axis=1, initial=0.0))
+    every = np.concatenate(best)
+    return np.array([(every > t).mean() if len(every) else 0.0 for t in thresholds])

@@ -17,9 +17,11 @@ from fl3d.reports.figures.curves import ap_over_gamma
 from fl3d.reports.intervals import with_intervals
 from fl3d.reports.layer_tables import DETECTORS, layer_table
 from fl3d.reports.published import published_table
+from fl3d.reports.recall_tables import LAYOUTS
 from fl3d.reports.render import to_markdown
 from fl3d.reports.selection import select
 from fl3d.reports.table import Cell, Column, Table
+from fl3d.reports.tables import LAST_TABLES
 from fl3d.reports.write import write_tables
 from fl3d.results import names, report_from_store, results_folder
 from fl3d.training.build import build_detector
@@ -92,17 +94,23 @@ def write_views(config: Config, tables: list[Table], scores: pd.DataFrame, say: 
 
 
 def interval_views(config: Config, tables: list[Table], scores: pd.DataFrame, figures: Path) -> list[Table]:
-    """The tables with intervals: last models for II, III and V, best models for IV; and AP over gamma, with bars."""
+    """The tables with intervals: best models for IV, last ones for others; and AP over gamma, with bars.
+
+    Tables of recall have none.
+    """
     best = select(scores, "best", config["selection"]["stages"])
     steps = dict(zip(best["trial"], best["step"], strict=True))
     views, found = [], {}
     for table in tables:
+        if table.number in LAYOUTS:
+            continue
         rule = "best" if table.number == "IV" else "last"
         by = "normalize" if table.number == "V" else "gamma"
         if (rule, by) not in found:
             found[rule, by] = _gains(compare_sweep(config, steps if rule == "best" else None, by), rule, by)
             if (rule, by) == ("last", "gamma"):
-                ap_over_gamma(scores, figures / "ap_over_gamma", found[rule, by])
+                name = "ap_over_gamma" if table.number in LAST_TABLES else f"ap_over_{config['sweep']['name']}"
+                ap_over_gamma(scores, figures / name, found[rule, by])
         own = found[rule, by]
         if table.number in ("II", "III"):
             own = own[own["detector"] == table.caption.rpartition(" ")[2]]

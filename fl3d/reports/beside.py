@@ -31,11 +31,13 @@ class Agreement:
 
 
 def beside(table: Table) -> Table | None:
-    """Table II, III, IV or V with the journal's numbers beside ours; None where no row is published.
+    """Table II, III, IV or V with the journal's numbers beside ours; None for others, and where no row is published.
 
     Rows are matched by gamma, or by the loss; those of Table IV by detector and by whether gamma is 0, since the best
     gamma may be another.
     """
+    if table.number not in ("II", "III", "IV", "V"):
+        return None
     printed, arxiv = _published(table)
     keys = row_keys(table)
     kept = [i for i, key in enumerate(keys) if key in printed]

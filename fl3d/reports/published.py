@@ -2,7 +2,8 @@
 
 Yun, Tai, Wang, Liu, Liu: Focal Loss in 3D Object Detection. IEEE Robotics and Automation Letters, 2019: Tables I to
 VII; strings as printed, bold as 0 or 1. The first arXiv version (1809.06065v1) prints the same numbers but for some
-cells, which lie in files of their own.
+cells, which lie in files of their own. Tables R1 to R5 are Tables 1 to 5 of a course report on PointRCNN and Frustum
+ConvNet.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from importlib.resources import files
 import pandas as pd
 
 TABLES = ("I", "II", "III", "IV", "V", "VI", "VII")
+REPORT_TABLES = ("R1", "R2", "R3", "R4", "R5")  # of the course report
 ARXIV = {"IV": "IV_arxiv", "VII": "VII_arxiv"}  # where the arXiv version differs
 
 

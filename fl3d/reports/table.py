@@ -68,7 +68,9 @@ class Table:
 
     @property
     def title(self) -> str:
-        """``Table II.``, or nothing for a table that the paper has not."""
+        """``Table II.``, ``Table 2 of the report.``, or nothing for a table that neither has."""
+        if self.number[0] == "R" and self.number[1:].isdigit():
+            return f"Table {self.number[1:]} of the report."
         return f"Table {self.number}." if set(self.number) <= set("IVX") else ""
 
     def column(self, key: str) -> tuple[Cell, ...]:

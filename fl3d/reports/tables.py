@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from fl3d.errors import ConfigError
+from fl3d.reports.recall_tables import LAYOUTS, recall_table
 from fl3d.reports.selection import MEAN_3D, select
 from fl3d.reports.table import AP_COLUMNS, APS, Cell, Column, Table
 
@@ -20,10 +21,10 @@ def last_models(scores: pd.DataFrame, number: str, notes: tuple[str, ...] = ()) 
 
     Args:
         scores: see ``selection.select``; further columns ``detector`` and ``gamma``.
-        number: ``II`` or ``III``.
+        number: ``II`` or ``III``; ``gamma``: of the first detector, which the paper has not.
         notes: put below.
     """
-    detector = LAST_TABLES[number]
+    detector = LAST_TABLES.get(number) or str(scores["detector"].iloc[0])
     chosen = by_gamma(select(scores[scores["detector"] == detector], "last"), number)
     base = baseline(chosen)
     rows = tuple((Cell(f"{row['gamma']:g}"), *_ap_cells(row, base)) for _, row in chosen.iterrows())
@@ -89,8 +90,10 @@ def make_tables(
     present = set(scores["detector"])
     made: list[Table] = []
     for number in numbers or (*LAST_TABLES, "IV"):
-        if number in LAST_TABLES and LAST_TABLES[number] in present:
+        if number == "gamma" or (number in LAST_TABLES and LAST_TABLES[number] in present):
             made.append(last_models(scores, number, notes))
+        elif number in LAYOUTS:
+            made.append(recall_table(scores, number, notes))
         elif number == "IV":
             made.append(best_models(scores, stages, notes))
         elif number == "V" and FORM_DETECTOR in present:

@@ -32,6 +32,7 @@ NAMED = {
     "tags.fl3d.trial": "trial",
     "tags.fl3d.protocol": "protocol",
     "tags.fl3d.first_own_step": "first_own_step",
+    "tags.fl3d.overrides": "overrides",
     "tags.detector": "detector",
     "params.seed": "seed",
     "params.optimizer.lr": "lr",
@@ -55,7 +56,9 @@ def tidy(raw: pd.DataFrame, trials: set[str] | None = None, protocol: str | None
     if protocol is not None:
         named = named[named["protocol"] == protocol]
     aps = sorted(str(column) for column in named if str(column).startswith("ap_"))
-    frame = named[[*FRONT, *aps]].dropna(subset=aps).copy()
+    others = sorted(str(column) for column in named if str(column).startswith("recall_"))
+    frame = named[[*FRONT, "overrides", *aps, *others]].dropna(subset=aps).copy()
+    frame["overrides"] = frame["overrides"].fillna("")  # of runs from before they were told
     texts = {"trial", "detector", "protocol", "normalize"}
     frame["normalize"] = frame["normalize"].astype(str).str.lower() == "true"
     for column in FRONT:

@@ -10,12 +10,12 @@ import pandas as pd
 import sqlalchemy as sa
 
 SERVER_CALLS = 8  # at once
-OTHER_METRICS = ("epoch",)  # read beside the APs
+OTHER_METRICS = ("epoch",)  # read beside AP and recall
 
 
 def is_score(key: str) -> bool:
     """Whether a metric is one that tables are made of."""
-    return key.startswith("ap_") or key in OTHER_METRICS
+    return key.startswith(("ap_", "recall_")) or key in OTHER_METRICS
 
 
 def read_database(uri: str, experiment: str, tag: tuple[str, str], columns: Sequence[str]) -> pd.DataFrame:

@@ -96,6 +96,8 @@ def trial_stages(
     _check_counts(config["schedule"])
     chain: list[Stage] = []
     for name, own in config["schedule"]["stages"].items():
+        if own is None:  # left out
+            continue
         if name not in known_stages[target]:
             raise ConfigError(f"schedule.stages: {target} has no stage '{name}'. {options(name, known_stages[target])}")
         stage_config = configure_stage(config, name)
@@ -113,7 +115,7 @@ def trial_stages(
 def _check_counts(schedule: Mapping[str, Any]) -> None:
     """Refuse counts below one."""
     counts = {key: schedule[key] for key in ("batch_size", "checkpoint_every", "frames_per_epoch")}
-    counts |= {f"stages.{name}.epochs": own.get("epochs") for name, own in schedule["stages"].items()}
+    counts |= {f"stages.{name}.epochs": own.get("epochs") for name, own in schedule["stages"].items() if own}
     for key, count in counts.items():
         if (count is None and key != "frames_per_epoch") or (
             count is not None and not (isinstance(count, int) and count >= 1)

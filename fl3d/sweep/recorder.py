@@ -135,6 +135,7 @@ class Recorder:
             "gamma": f"{gamma:g}",
             "loss": "BCE" if gamma == 0 else "focal",
             "seed": str(seed),
+            "fl3d.overrides": " ".join(trial.overrides),
             "fl3d.stages": " ".join(trial.stages),
             "fl3d.first_own_step": str(last.start_step),
             "fl3d.data_digest": self.dataset[1],
@@ -190,7 +191,9 @@ class Recorder:
         run, paths = self.runs[trial.key], self.scores.paths(stage)
         tags = {"rule": rule, "stage": stage, "step": str(step), "protocol": self.scores.protocol.id}
         scored = self._scored(stage, step)
-        aps = Scored(step, scored.time_ms, {k: v for k, v in scored.values.items() if k.startswith(("ap_", "mean_"))})
+        aps = Scored(
+            step, scored.time_ms, {k: v for k, v in scored.values.items() if k.startswith(("ap_", "mean_", "recall_"))}
+        )
         files = [*_weights(paths, step, folder / f"{rule}.pt"), paths.spec]
         self.store.log_model(self.experiment, run, rule, files, tags, aps, self.dataset)
 

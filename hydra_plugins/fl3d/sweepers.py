@@ -22,9 +22,10 @@ class Doorway(Sweeper):
         """Run the sweep to its tables."""
         from fl3d.config import multirun_of
         from fl3d.pipeline import run_sweep
+        from fl3d.sweep.winners import with_winners
 
-        multirun = multirun_of(self.loader, self.composed, arguments)
-        run_sweep(self.proposer(arguments, multirun.compose), multirun.launcher)
+        multirun = with_winners(multirun_of(self.loader, self.composed, arguments))
+        run_sweep(self.proposer(multirun.arguments, multirun.compose), multirun.launcher)
 
     @abstractmethod
     def proposer(self, arguments: list[str], compose: Any) -> Any:
