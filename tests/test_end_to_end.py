@@ -134,7 +134,7 @@ def test_interrupted_it_goes_on_to_the_same_tables(
     )
     stages = tmp_path / "runs" / "stages"
     deadline = time.monotonic() + 300
-    while not list(stages.glob("*/done.json")):
+    while not list(stages.glob("*/checkpoints/*.json")):
         assert time.monotonic() < deadline
         assert process.poll() is None
         time.sleep(0.1)

@@ -57,7 +57,7 @@ def winner(config: Config) -> list[str]:
         raise StoreError(f"a sweep goes on from the winner of {called.experiment}; run that first ({error})") from None
     metrics = [str(column) for column in scores if "/" in str(column)]
     if sweep["winner"] not in metrics:
-        raise ConfigError(f"sweep.winner: {options(sweep['winner'], metrics)}")
+        raise ConfigError(f"sweep.winner: no metric {sweep['winner']}. {options(sweep['winner'], metrics)}")
     best = best_overrides(scores, sweep["winner"], _overrides(config))
     return [override for override in best if not override.startswith("seed=")]
 

@@ -163,7 +163,8 @@ def test_result_config_keeps_values_and_nesting() -> None:
     kept = result_config(config("loss.gamma=2"))
     assert kept["loss"]["gamma"] == 2
     assert set(kept) == {
-        *["seed", "precision", "compile", "detections", "data", "schedule", "detector", "loss", "optimizer"]
+        *["seed", "precision", "compile", "detections", "data", "schedule", "detector", "loss", "optimizer"],
+        "augment",
     }
     assert set(kept["data"]) == {"crop", "calibration"}
 
