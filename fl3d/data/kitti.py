@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fl3d.data.calibration import MEAN, Calibration, read_calibration, read_lines
+from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
 from fl3d.data.labels import Labels, read_labels
 from fl3d.errors import DataError, options
 
@@ -32,6 +34,7 @@ class Frame:
         calibration: of this frame.
         labels: every object of the label file.
         image_size: (width, height) in pixels.
+        image_boxes: (N, 5) cars that a 2D detector found: x1, y1, x2, y2 in pixels, score; None where none was run.
     """
 
     id: str
@@ -39,6 +42,7 @@ class Frame:
     calibration: Calibration
     labels: Labels
     image_size: tuple[int, int]
+    image_boxes: NDArray[np.float64] | None = None
 
 
 class KittiFolder:
@@ -97,7 +101,13 @@ class KittiFolder:
         points = read_cloud(self.path("velodyne", frame_id))
         if self.crop == "image":
             points = points[calibration.in_image(points, size)]
-        return Frame(frame_id, points, calibration, self.read_labels(frame_id), size)
+        found = None if self.image_boxes is None else self.image_boxes.get(frame_id, np.zeros((0, 5)))
+        return Frame(frame_id, points, calibration, self.read_labels(frame_id), size, found)
+
+    @cached_property
+    def image_boxes(self) -> ImageBoxes | None:
+        """What a 2D detector found, by frame, see ``image_boxes.read_image_boxes``."""
+        return read_image_boxes(self.root)
 
     def read_labels(self, frame_id: str) -> Labels:
         """Labels of one frame, without its cloud."""
@@ -118,12 +128,15 @@ class KittiFolder:
     def digest(self, frame_ids: Iterable[str]) -> str:
         """Identity of the data of some frames, wherever they lie.
 
-        Labels, calibrations and the pictures' sizes (they decide the crop) enter in full; of a cloud its size and both
-        ends (a full KITTI has 14 GB of clouds), so a change in a cloud's middle that keeps its size goes unnoticed.
+        Labels, calibrations, what a 2D detector found and the pictures' sizes (they decide the crop) enter in full; of
+        a cloud its size and both ends (a full KITTI has 14 GB of clouds), so a change in a cloud's middle that keeps
+        its size goes unnoticed.
         """
         digest = hashlib.sha256()
         for frame_id in frame_ids:
             digest.update(f"{frame_id} {self.image_size(frame_id)} ".encode())
+            if self.image_boxes is not None:
+                digest.update(self.image_boxes.get(frame_id, np.zeros((0, 5))).tobytes())
             for kind in ("label_2", "calib"):
                 content = _read_bytes(self.path(kind, frame_id))
                 digest.update(f"{len(content)} ".encode() + content)

@@ -22,6 +22,8 @@ RESULT = (
     "schedule.checkpoint_every",
     "schedule.one_cycle",
     "schedule.one_cycle.*",
+    "schedule.decay",
+    "schedule.decay.*",
     "schedule.stages.*",
     "data.crop",
     "data.calibration",

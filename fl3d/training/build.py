@@ -11,7 +11,7 @@ from fl3d.data.augment import Augmentation
 from fl3d.detectors.base import Detector
 from fl3d.evaluation.protocol import Protocol
 from fl3d.records import Config
-from fl3d.training.one_cycle import OneCycle
+from fl3d.training.rates import OneCycle, StepDecay
 from fl3d.training.trainer import Schedule
 
 
@@ -40,8 +40,9 @@ def build_augmentation(config: Config) -> Augmentation | None:
 def build_schedule(config: Config, machine: Config) -> Schedule:
     """The schedule of a stage."""
     values: dict[str, Any] = dict(config["schedule"])
-    own, cycle = values.pop("stage"), values.pop("one_cycle")
-    values["one_cycle"] = None if cycle is None else OneCycle(**cycle)
+    own = values.pop("stage")
+    for key, kind in (("one_cycle", OneCycle), ("decay", StepDecay)):
+        values[key] = None if values[key] is None else kind(**values[key])
     return Schedule(lr_factor=own["lr_factor"], save_every_steps=machine["save_every_steps"], **values)
 
 

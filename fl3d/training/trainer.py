@@ -19,8 +19,8 @@ from fl3d.errors import CheckpointError, TrainingError
 from fl3d.evaluation.detections import Detections
 from fl3d.records import Stage
 from fl3d.training.checkpoints import State
-from fl3d.training.one_cycle import OneCycle
 from fl3d.training.precision import multiplying
+from fl3d.training.rates import OneCycle, StepDecay
 from fl3d.training.reproducibility import random_state, sample_generator, set_random_state
 
 VERSION = 1  # raised whenever the same stage would train to other bits
@@ -38,7 +38,8 @@ class Schedule:
         ramp_steps: the learning rate rises linearly over the first steps of the first stage.
         checkpoint_every: epochs between checkpoints; the last epoch always has one.
         save_every_steps: steps between resume points within an epoch; None: none.
-        one_cycle: how the learning rate rises and falls over the stage; None: it stays.
+        one_cycle: how the learning rate rises and falls over the stage; None: it does not.
+        decay: how it falls in steps; None: it does not.
     """
 
     batch_size: int
@@ -49,6 +50,7 @@ class Schedule:
     checkpoint_every: int
     save_every_steps: int | None = None
     one_cycle: OneCycle | None = None
+    decay: StepDecay | None = None
 
     def epoch_frames(self, n_frames: int) -> int:
         """Frames in one epoch."""
@@ -174,8 +176,9 @@ class Trainer:
 
     def lr(self) -> float:
         """Learning rate of the next step."""
-        ramp, cycle = self.schedule.ramp_steps, self.schedule.one_cycle
+        ramp, cycle, decay = self.schedule.ramp_steps, self.schedule.one_cycle, self.schedule.decay
         lr = self.base_lr * (cycle.factor(self._progress()) if cycle else 1.0)
+        lr *= decay.of(self._place()[0]) if decay else 1.0
         return lr * min(1.0, (self.step + 1) / ramp) if ramp else lr
 
     def _progress(self) -> float:

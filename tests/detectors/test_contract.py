@@ -1,5 +1,6 @@
 """What every detector must do, run over every YAML in conf/detector."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,12 +50,12 @@ def encode(detector: Detector, frames: list[Frame], training: bool = True, seed:
 
 
 def without_points(frame: Frame) -> Frame:
-    return Frame(frame.id, frame.points_velo[:0], frame.calibration, frame.labels, frame.image_size)
+    return replace(frame, points_velo=frame.points_velo[:0])
 
 
 def without_cars(frame: Frame) -> Frame:
     labels = frame.labels.select(frame.labels.types != "Car")
-    return Frame(frame.id, frame.points_velo, frame.calibration, labels, frame.image_size)
+    return replace(frame, labels=labels)
 
 
 def test_it_names_itself_and_its_stages(detector: Detector) -> None:
@@ -87,10 +88,13 @@ def test_a_few_steps_lower_its_loss(detector: Detector, frames: list[Frame]) -> 
 
 
 def test_it_finds_boxes_in_falling_order_and_no_more_than_asked(detector: Detector, frames: list[Frame]) -> None:
-    found = detector.eval().detect(encode(detector, frames, training=False), max_boxes=7, min_score=0.0)
+    batch = encode(detector, frames, training=False)
+    found, every = (detector.eval().detect(batch, max_boxes=n, min_score=0.0) for n in (7, 100_000))
     assert len(found) == 2
-    for one in found:
-        assert one.boxes_velo.shape == (7, 7)
+    for one, among in zip(found, every, strict=True):
+        assert one.boxes_velo.shape == (min(7, len(among.scores)), 7)
+        assert len(among.scores) > 0
+        np.testing.assert_allclose(one.scores, among.scores[:7], rtol=1e-12)
         assert np.isfinite(one.boxes_velo).all()
         assert (np.diff(one.scores) <= 0).all()
         assert (one.scores >= 0).all()

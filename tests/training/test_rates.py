@@ -13,7 +13,7 @@ from fl3d.sweep.launchers.inline import InlineLauncher
 from fl3d.sweep.sweepers.base import Point
 from fl3d.sweep.sweepers.grid import Listed
 from fl3d.training.checkpoints import load_state
-from fl3d.training.one_cycle import OneCycle
+from fl3d.training.rates import OneCycle, StepDecay
 
 CYCLE = OneCycle(0.1, 0.4, 1e-5, (0.95, 0.85))
 
@@ -49,6 +49,14 @@ def test_momentum_of_sgd_and_of_none() -> None:
 def test_what_is_no_cycle_is_refused(rise: float, momentum: tuple[float, float]) -> None:
     with pytest.raises(ConfigError, match=r"schedule.one_cycle"):
         OneCycle(0.1, rise, 1e-5, momentum)
+
+
+def test_decay_in_steps_as_the_report_trains_its_second_detector() -> None:
+    """Times 0.1 every 20 of 50 epochs, never below a hundredth (1e-5 of 1e-3)."""
+    decay = StepDecay(20, 0.1, 0.01)
+    assert [decay.of(epoch) for epoch in (0, 19, 20, 39, 40, 60)] == pytest.approx([1, 1, 0.1, 0.1, 0.01, 0.01])
+    with pytest.raises(ConfigError, match=r"schedule.decay: every 0 epochs"):
+        StepDecay(0, 0.1, 0.01)
 
 
 def two_stage_sweep(simulated: Path, root: Path, *overrides: str) -> Sweep:

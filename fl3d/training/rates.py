@@ -1,8 +1,4 @@
-"""A learning rate that rises and falls once over a stage, with the momentum against it.
-
-Smith and Topin: Super-Convergence: Very Fast Training of Neural Networks Using Large Learning Rates. 2018. As a
-function of where a stage stands, so that one that was interrupted goes on as if it had not been.
-"""
+"""How learning rates change over a stage: functions of where it stands, so that an interrupted one goes on alike."""
 
 from __future__ import annotations
 
@@ -15,7 +11,9 @@ from fl3d.errors import ConfigError
 
 @dataclass(frozen=True)
 class OneCycle:
-    """Half a cosine up, half a cosine down.
+    """Half a cosine up, half a cosine down, with the momentum against it.
+
+    Smith and Topin: Super-Convergence: Very Fast Training of Neural Networks Using Large Learning Rates. 2018.
 
     Args:
         start: of the learning rate at the first step, as a factor.
@@ -54,3 +52,29 @@ class OneCycle:
         if progress < self.rise:
             return middle + (first - middle) * (1 + cos(pi * progress / self.rise)) / 2
         return last + (middle - last) * (1 + cos(pi * (progress - self.rise) / (1 - self.rise))) / 2
+
+
+@dataclass(frozen=True)
+class StepDecay:
+    """A learning rate that falls by a factor every so many epochs.
+
+    Args:
+        every: epochs.
+        factor: by which it falls.
+        lowest: factor that it does not fall below.
+
+    Raises:
+        ConfigError: no epochs, or a factor out of its range.
+    """
+
+    every: int
+    factor: float
+    lowest: float
+
+    def __post_init__(self) -> None:
+        if self.every < 1 or not 0 < self.factor <= 1:
+            raise ConfigError(f"schedule.decay: every {self.every} epochs by {self.factor} is no decay")
+
+    def of(self, epoch: int) -> float:
+        """Factor after so many epochs of the stage."""
+        return max(float(self.factor ** (epoch // self.every)), self.lowest)

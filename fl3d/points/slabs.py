@@ -1,0 +1,60 @@
+"""Points of a frustum in overlapping slabs along its axis, and a sequence of features of them (Frustum ConvNet)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from fl3d.points.network import PointMLP
+from fl3d.points.operators import first_true
+
+
+@dataclass(frozen=True)
+class Slabs:
+    """One resolution.
+
+    Args:
+        stride: between reference points, metres.
+        half: a slab reaches so far to both sides of its reference point, metres.
+        samples: points of a slab at most.
+        widths: of the layers over its points.
+    """
+
+    stride: float
+    half: float
+    samples: int
+    widths: Sequence[int]
+
+    def depths(self, start: float, end: float) -> Tensor:
+        """Of the reference points, the middles of strides: (L,)."""
+        count = round((end - start) / self.stride + 1e-6)
+        return start + (torch.arange(count) + 0.5) * self.stride
+
+
+class SlabNet(nn.Module):
+    """A feature for each slab: the maximum over its points; zero where it holds none.
+
+    Args:
+        slabs: its sizes.
+    """
+
+    def __init__(self, slabs: Slabs) -> None:
+        super().__init__()
+        self.slabs = slabs
+        self.mlp = PointMLP(3, slabs.widths)
+
+    def forward(self, points: Tensor, places: Tensor) -> Tensor:
+        """(K, P, 3) and reference points (K, L, 3) -> (K, L, C); depth is the first coordinate."""
+        if points.is_meta:
+            index = torch.zeros(*places.shape[:2], self.slabs.samples, dtype=torch.int64, device="meta")
+            inside = index.new_zeros(*places.shape[:2], 1, dtype=torch.bool)
+        else:
+            inside = (points[:, None, :, 0] - places[..., :1]).abs() < self.slabs.half
+            index = first_true(inside, self.slabs.samples)
+            inside = inside.any(dim=2, keepdim=True)
+        flat = index + torch.arange(len(points), device=points.device)[:, None, None] * points.shape[1]
+        rows = points.flatten(0, 1)[flat.flatten()].view(*index.shape, 3) - places[:, :, None]
+        return self.mlp(rows).amax(dim=2) * inside
