@@ -14,7 +14,7 @@ OVERRIDES = data=$(DATA) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: help install sweep-% sweep-pointrcnn plan tables figures report ui check format test test-slow test-slurm test-ray test-postgres clean
+.PHONY: help install sweep-% sweep-pointrcnn sweep-frustum sweep-report plan tables figures report ui check format test test-slow test-slurm test-ray test-postgres clean
 
 help:  ## list the targets
 	@echo "Targets (options: DATA=simulated|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|standard|paper ARGS='...'):"
@@ -37,6 +37,13 @@ POINTRCNN := default batch alpha bins rcnn
 
 sweep-pointrcnn: .venv/installed  ## the report's sweeps of PointRCNN, each going on from the winner before: Tables R1 to R5
 	for name in $(POINTRCNN); do $(MAKE) --no-print-directory sweep-pointrcnn_$$name || exit 1; done
+
+FRUSTUM := batch slabs alpha weights final
+
+sweep-frustum: .venv/installed  ## the report's sweeps of Frustum ConvNet: Table R6, and with PointRCNN's R7
+	for name in $(FRUSTUM); do $(MAKE) --no-print-directory sweep-frustum_$$name || exit 1; done
+
+sweep-report: sweep-pointrcnn sweep-frustum  ## everything of the report
 
 plan: .venv/installed  ## show what a sweep would do: stages, what is done, time, FLOPs, disk (SWEEP=gamma)
 	$(BIN)/python -m fl3d plan +sweep=$(SWEEP) $(OVERRIDES)

@@ -35,7 +35,7 @@ from fl3d.detectors.multibin import MultiBin
 from fl3d.errors import DataError
 from fl3d.geometry.boxes import Array, points_inside
 from fl3d.losses import BalancedFocalLoss
-from fl3d.points.slabs import Slabs
+from fl3d.points.slabs import resolutions
 
 LEAST_HEIGHT, LEAST_WIDTH = 5.0, 1.0  # pixels of a 2D box that is looked at
 LEAST_TRAIN_HEIGHT = 25.0  # pixels of an object that is learnt
@@ -72,7 +72,7 @@ class FConvNet(Detector):
         nearest: points nearer to the LiDAR are left out, metres.
         points: of a frustum.
         frustums: of a frame in training.
-        slabs: the four resolutions, see ``points.slabs.Slabs``.
+        slabs: columns of the four resolutions, see ``points.slabs.Slabs``.
         blocks: widths of the four blocks.
         up: see ``FrustumNet``.
         label_ratio: a reference point in the object shrunk to the first share is positive, outside the second negative.
@@ -95,7 +95,7 @@ class FConvNet(Detector):
         nearest: float,
         points: int,
         frustums: int,
-        slabs: Sequence[Mapping[str, Any]],
+        slabs: Mapping[str, Sequence[Any]],
         blocks: Sequence[int],
         up: int,
         label_ratio: tuple[float, float],
@@ -108,11 +108,11 @@ class FConvNet(Detector):
         self.n_points, self.n_frustums = points, frustums
         self.label_ratio, self.jitter = label_ratio, Jitter(**jitter)
         self.code = MultiBin(sizes, yaw_bins, weights)
-        self.frustum = FrustumNet([Slabs(**one) for one in slabs], reach, blocks, up, self.code)
+        self.frustum = FrustumNet(resolutions(slabs), reach, blocks, up, self.code)
         self.refine: FrustumNet | None = None
         if refine is not None:
             self.second, self.second_jitter = refine, Jitter(**refine["jitter"])
-            own = [Slabs(**one) for one in refine["slabs"]]
+            own = resolutions(refine["slabs"])
             self.refine = FrustumNet(own, refine["reach"], refine["blocks"], refine["up"], self.code)
             self.frustum.requires_grad_(False)
 

@@ -19,7 +19,7 @@ from fl3d.data.projection import project_boxes
 from fl3d.errors import DataError
 from fl3d.evaluation.average_precision import Comparison, compare, evaluate
 from fl3d.evaluation.protocol import Protocol
-from fl3d.evaluation.recall import OVERLAPS, recall_of_boxes
+from fl3d.evaluation.recall import OVERLAPS, best_overlaps
 from fl3d.files import write_atomically
 from fl3d.geometry.boxes import rectangles_velo
 from fl3d.geometry.nms import nms
@@ -160,7 +160,8 @@ def score(detections: Detections, validation: Validation, protocol: Protocol) ->
 
     Returns:
         ``{"ap_3d/moderate": ..., "ap_3d_r40/moderate": ..., ...}`` for image, bev and 3d in percent; and
-        ``{"recall_3d/0.5": ...}``, the share of cars that any stored box overlaps by more, before cut and suppression.
+        ``{"recall_3d/0.5": ...}``, the share of cars that any stored box overlaps by more, before cut and suppression,
+        with ``recall_3d/mean_iou``, their mean best overlap.
     """
     curves = evaluate(compare_stored(detections, validation, protocol), ["Car"])["Car"]
     scores_by_name = {}
@@ -168,8 +169,9 @@ def score(detections: Detections, validation: Validation, protocol: Protocol) ->
         for difficulty, curve in levels.items():
             scores_by_name[f"ap_{metric}/{difficulty}"] = curve.ap_r11
             scores_by_name[f"ap_{metric}_r40/{difficulty}"] = curve.ap_r40
-    shares = recall_of_boxes(_cars_and_boxes(detections, validation, protocol))
-    return scores_by_name | {f"recall_3d/{t:g}": float(share) for t, share in zip(OVERLAPS, shares, strict=True)}
+    best = best_overlaps(_cars_and_boxes(detections, validation, protocol))
+    found = {f"recall_3d/{t:g}": float((best > t).mean()) if len(best) else 0.0 for t in OVERLAPS}
+    return scores_by_name | found | {"recall_3d/mean_iou": float(best.mean()) if len(best) else 0.0}
 
 
 def _cars_and_boxes(

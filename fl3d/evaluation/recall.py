@@ -38,21 +38,16 @@ def recall(
     return np.array([(best > t).mean() if len(best) else 0.0 for t in thresholds])
 
 
-def recall_of_boxes(
-    frames: Sequence[tuple[Array, Array]], thresholds: Sequence[float] = OVERLAPS
-) -> NDArray[np.float64]:
-    """The same of plain boxes, such as a detector's before any score cut and suppression.
+def best_overlaps(frames: Sequence[tuple[Array, Array]]) -> NDArray[np.float64]:
+    """How well each object is found by the best of plain boxes, such as a detector's before any cut and suppression.
 
     Args:
         frames: of each frame the objects (G, 7) and the boxes (N, 7), both ``boxes_velo``.
-        thresholds: T overlaps.
 
     Returns:
-        (T,) in 0..1; 0 where there is no object.
+        3D overlap of each object, frame by frame.
     """
     best = [np.zeros(0)]
     for objects, boxes in frames:
-        overlaps = bev_and_3d_iou_velo(objects, boxes)[1]
-        best.append(overlaps.max(axis=1, initial=0.0))
-    every = np.concatenate(best)
-    return np.array([(every > t).mean() if len(every) else 0.0 for t in thresholds])
+        best.append(bev_and_3d_iou_velo(objects, boxes)[1].max(axis=1, initial=0.0))
+    return np.concatenate(best)

@@ -11,21 +11,17 @@ HEAD = """# Results
 Made by `make report` (and `make tables`, `make figures`); each folder is one kind of data and one profile. Its
 `report.html` has everything on one page: clone or download it to read it.
 """
-TABLES = (
-    "II_intervals",
-    "III_intervals",
-    "IV_intervals",
-    "V_intervals",
-    "gamma_intervals",
-    "R1",
-    "R2",
-    "R3",
-    "R4",
-    "R5",
-    "claims",
-    "honest",
+PAPER = ("II_intervals", "III_intervals", "IV_intervals", "V_intervals")
+OTHERS = ("gamma-pointrcnn_intervals", "gamma-f-convnet_intervals", "R1", "R2", "R3", "R4", "R5", "R6", "R7")
+TABLES = (*PAPER, *OTHERS, "claims", "honest")
+PICTURES = (
+    "ap_over_gamma",
+    "ap_over_gamma_pointrcnn",
+    "ap_over_gamma_fconvnet",
+    "ap_over_steps",
+    "figure_4",
+    "figure_5",
 )
-PICTURES = ("ap_over_gamma", "ap_over_gamma_pointrcnn", "ap_over_steps", "figure_4", "figure_5")
 
 
 def write_index(results: Path) -> Path:

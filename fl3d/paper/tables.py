@@ -16,8 +16,7 @@ from fl3d.reports.beside import beside
 from fl3d.reports.figures.curves import ap_over_gamma
 from fl3d.reports.intervals import with_intervals
 from fl3d.reports.layer_tables import DETECTORS, layer_table
-from fl3d.reports.published import published_table
-from fl3d.reports.recall_tables import LAYOUTS
+from fl3d.reports.published import REPORT_TABLES, published_table
 from fl3d.reports.render import to_markdown
 from fl3d.reports.selection import select
 from fl3d.reports.table import Cell, Column, Table
@@ -102,7 +101,7 @@ def interval_views(config: Config, tables: list[Table], scores: pd.DataFrame, fi
     steps = dict(zip(best["trial"], best["step"], strict=True))
     views, found = [], {}
     for table in tables:
-        if table.number in LAYOUTS:
+        if table.number in REPORT_TABLES:
             continue
         rule = "best" if table.number == "IV" else "last"
         by = "normalize" if table.number == "V" else "gamma"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -32,6 +33,11 @@ class Slabs:
         """Of the reference points, the middles of strides: (L,)."""
         count = round((end - start) / self.stride + 1e-6)
         return start + (torch.arange(count) + 0.5) * self.stride
+
+
+def resolutions(columns: Mapping[str, Sequence[Any]]) -> list[Slabs]:
+    """Slabs from columns of equal length, one for each of their fields, as a YAML has them."""
+    return [Slabs(*row) for row in zip(*(columns[field.name] for field in fields(Slabs)), strict=True)]
 
 
 class SlabNet(nn.Module):

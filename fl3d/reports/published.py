@@ -2,7 +2,7 @@
 
 Yun, Tai, Wang, Liu, Liu: Focal Loss in 3D Object Detection. IEEE Robotics and Automation Letters, 2019: Tables I to
 VII; strings as printed, bold as 0 or 1. The first arXiv version (1809.06065v1) prints the same numbers but for some
-cells, which lie in files of their own. Tables R1 to R5 are Tables 1 to 5 of a course report on PointRCNN and Frustum
+cells, which lie in files of their own. Tables R1 to R7 are Tables 1 to 7 of a course report on PointRCNN and Frustum
 ConvNet.
 """
 
@@ -13,7 +13,7 @@ from importlib.resources import files
 import pandas as pd
 
 TABLES = ("I", "II", "III", "IV", "V", "VI", "VII")
-REPORT_TABLES = ("R1", "R2", "R3", "R4", "R5")  # of the course report
+REPORT_TABLES = ("R1", "R2", "R3", "R4", "R5", "R6", "R7")  # of the course report
 ARXIV = {"IV": "IV_arxiv", "VII": "VII_arxiv"}  # where the arXiv version differs
 
 

@@ -83,8 +83,9 @@ def recall_table(scores: pd.DataFrame, number: str, notes: tuple[str, ...] = ())
     printed = published_table(number)
     fronts = [*layout.heads, *(["network"] if layout.networks else [])]
     theirs = {tuple(row[key] for key in fronts): row for row in printed.to_dict("records")}
-    best = [max((float(values[i]) for values in rows.values()), default=0.0) for i in range(len(OVERLAPS))]
-    bolds = number != "R1" and len(rows) > 1
+    values_by_column = [{float(values[i]) for values in rows.values()} for i in range(len(OVERLAPS))]
+    best = [max(values) if len(values) > 1 else None for values in values_by_column]  # where all are equal none is best
+    bolds = number != "R1"
     cells = []
     for front, values in rows.items():
         own = [Cell(v, bold=bolds and float(v) == best[i]) for i, v in enumerate(values)]

@@ -12,7 +12,15 @@ from fl3d.reports.table import Cell, Table
 GROUPS = {"BEV": r"Bird's Eye View AP (\%)", "3D": r"3D Detection AP (\%)"}
 LATEX = {"\\": r"\textbackslash{}", **{c: rf"\{c}" for c in "_%&#$"}}
 SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"  # to the column's width, if wider
-SYMBOLS = {"γ": r"$\gamma$", "≥": r"$\geq$", "≤": r"$\leq$", "×": r"$\times$", "ρ": r"$\rho$", "−": r"$-$"}
+SYMBOLS = {
+    "γ": r"$\gamma$",
+    "α": r"$\alpha$",
+    "≥": r"$\geq$",
+    "≤": r"$\leq$",
+    "×": r"$\times$",
+    "ρ": r"$\rho$",
+    "−": r"$-$",
+}
 SYMBOLS |= {"<": "$<$", ">": "$>$", "–": "--", "…": r"\ldots{}", "†": r"$\dagger$", "§": r"\S{}"}
 
 

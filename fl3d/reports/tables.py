@@ -6,6 +6,7 @@ import pandas as pd
 
 from fl3d.errors import ConfigError
 from fl3d.reports.recall_tables import LAYOUTS, recall_table
+from fl3d.reports.report_tables import detectors_table, frustum_table
 from fl3d.reports.selection import MEAN_3D, select
 from fl3d.reports.table import AP_COLUMNS, APS, Cell, Column, Table
 
@@ -29,7 +30,8 @@ def last_models(scores: pd.DataFrame, number: str, notes: tuple[str, ...] = ()) 
     base = baseline(chosen)
     rows = tuple((Cell(f"{row['gamma']:g}"), *_ap_cells(row, base)) for _, row in chosen.iterrows())
     caption = f"Evaluation results on the validation split for last models of {detector}"
-    return Table(number, caption, (Column("gamma", "γ"), *APS), rows, BOLD, notes)
+    name = number if number in LAST_TABLES else f"gamma-{detector.lower()}"
+    return Table(name, caption, (Column("gamma", "γ"), *APS), rows, BOLD, notes)
 
 
 def best_pairs(scores: pd.DataFrame, stages: str = "last") -> pd.DataFrame:
@@ -92,6 +94,10 @@ def make_tables(
     for number in numbers or (*LAST_TABLES, "IV"):
         if number == "gamma" or (number in LAST_TABLES and LAST_TABLES[number] in present):
             made.append(last_models(scores, number, notes))
+        elif number == "R6":
+            made.append(frustum_table(scores, notes))
+        elif number == "R7":
+            made.append(detectors_table(scores, notes))
         elif number in LAYOUTS:
             made.append(recall_table(scores, number, notes))
         elif number == "IV":

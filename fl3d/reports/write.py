@@ -13,6 +13,7 @@ from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
 from fl3d.reports.tables import LAST_TABLES, make_tables
 
+JOINT = ("R6", "R7")  # tables of several sweeps
 FRONT = [
     "trial",
     "detector",
@@ -109,7 +110,9 @@ def write_results(
     text = scores.to_csv(index=False, lineterminator="\n")
     is_new = not written[0].exists() or written[0].read_text() != text
     write_text(written[0], text)
-    tables = make_tables(scores, numbers, stages, notes)
+    tables = make_tables(scores, tuple(number for number in numbers if number not in JOINT), stages, notes)
+    joint = tuple(number for number in numbers if number in JOINT)
+    tables += make_tables(_all_scores(folder, scores), joint, stages, notes) if joint else []
     written += write_tables(tables, folder)
     for number in numbers if is_new else ():
         for stale in set((folder / "tables").glob(f"table_{number}[._]*")) - set(written):
@@ -120,6 +123,13 @@ def write_results(
             ap_over_gamma(scores, folder / "figures" / "ap_over_gamma")  # with intervals once tables are made again
         written += [folder / "figures" / f"ap_over_gamma.{ending}" for ending in ("csv", "png", "pdf")]
     return tables, written
+
+
+def _all_scores(folder: Path, scores: pd.DataFrame) -> pd.DataFrame:
+    """Scores of all sweeps of a results folder under the protocol of these."""
+    protocols = set(scores["protocol"])
+    every = [read_scores(path) for path in sorted((folder / "scores").glob("*.csv"))]
+    return pd.concat([one[one["protocol"].isin(protocols)] for one in every], ignore_index=True)
 
 
 def write_tables(tables: list[Table], folder: Path) -> list[Path]:

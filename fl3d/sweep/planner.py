@@ -11,7 +11,7 @@ from fl3d.config import locate
 from fl3d.digests import digest
 from fl3d.errors import ConfigError, options
 from fl3d.records import Config
-from fl3d.reports.recall_tables import LAYOUTS
+from fl3d.reports.published import REPORT_TABLES
 from fl3d.reports.selection import STAGES
 from fl3d.results import names
 from fl3d.sweep.identity import result_config
@@ -88,7 +88,7 @@ class Planner:
     def _check_tables(self, points: Sequence[Point]) -> None:
         tables = self.base["sweep"]["tables"]
         keys = {digest(result_config(point.config)) for point in points}
-        for number in set(tables) - set(LAYOUTS):  # whose rows are what is swept
+        for number in set(tables) - set(REPORT_TABLES):  # whose rows are what is swept
             key = "normalize" if number == "V" else "gamma"
             rows = {(p.config["detector"]["_target_"], p.config["loss"].get(key, 0), p.config["seed"]) for p in points}
             if len(rows) < len(keys):
