@@ -1,0 +1,254 @@
+"""Frustum ConvNet by hand: rays, slabs, labels, the box code, and boxes that come back to the LiDAR's frame."""
+
+from math import pi, radians
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from fl3d.config import compose_config
+from fl3d.data.image_boxes import read_image_boxes
+from fl3d.data.kitti import Frame, KittiFolder
+from fl3d.data.projection import project_boxes
+from fl3d.detectors.fconvnet import FConvNet
+from fl3d.detectors.frustums import (
+    centered,
+    enlarged,
+    jittered,
+    label_places,
+    moved,
+    rays,
+    sampled,
+    turned_back,
+)
+from fl3d.detectors.multibin import MultiBin, corner_distance
+from fl3d.errors import DataError
+from fl3d.geometry.iou import bev_and_3d_iou_velo
+from fl3d.points.slabs import SlabNet, Slabs, resolutions
+from fl3d.training.build import build_detector
+
+SIZES = ((1.5, 1.6, 3.9), (1.8, 0.7, 0.8), (1.7, 0.6, 1.8))
+CODE = MultiBin(SIZES, 12, {"yaw_bin": 1.0, "yaw": 20.0, "size": 20.0, "corner": 10.0})
+
+
+@pytest.fixture(scope="module")
+def frame(simulated: Path) -> Frame:
+    folder = KittiFolder(simulated)
+    return max((folder.frame(i) for i in folder.split("train")), key=lambda f: int((f.labels.types == "Car").sum()))
+
+
+@pytest.fixture
+def detector() -> FConvNet:
+    torch.manual_seed(0)
+    config = compose_config(["detector=fconvnet", "profile=quick"])
+    config["detector"]["refine"] = None
+    detector = build_detector(config)
+    assert isinstance(detector, FConvNet)
+    return detector
+
+
+def perfect(boxes: torch.Tensor) -> torch.Tensor:
+    """Outputs that say exactly these boxes."""
+    outputs = torch.zeros(len(boxes), CODE.width)
+    step = 2 * pi / 12
+    shifted = torch.remainder(boxes[:, 6] + step / 2, 2 * pi) / step
+    chosen, rows = shifted.floor().long(), torch.arange(len(boxes))
+    outputs[:, :3] = boxes[:, :3]
+    outputs[rows, 3 + chosen] = 50.0
+    outputs[rows, 15 + chosen] = 2 * (shifted - chosen - 0.5)
+    outputs[:, 27] = 50.0
+    outputs[:, 30:33] = boxes[:, 3:6] / torch.tensor(SIZES[0]) - 1
+    return outputs
+
+
+def some_boxes(n: int = 60) -> torch.Tensor:
+    rng = np.random.default_rng(0)
+    columns = [rng.normal(0, 1, (n, 3)), rng.uniform(1, 4, (n, 3)), rng.uniform(-pi, pi, (n, 1))]
+    return torch.from_numpy(np.concatenate(columns, axis=1).astype(np.float32))
+
+
+def test_the_code_has_39_numbers_as_the_paper() -> None:
+    assert CODE.width == 39
+
+
+def test_boxes_come_back_from_their_code_and_perfect_outputs_lose_nothing() -> None:
+    boxes = some_boxes()
+    torch.testing.assert_close(CODE.decode(perfect(boxes)), boxes, rtol=1e-4, atol=1e-4)
+    assert sum(float(term) for term in CODE.loss(perfect(boxes), boxes).values()) < 1e-3
+    assert sum(float(term) for term in CODE.loss(perfect(boxes), boxes.flip(0)).values()) > 5
+    assert sum(float(term) for term in CODE.loss(perfect(boxes)[:0], boxes[:0]).values()) == 0
+
+
+def test_weights_act_on_their_terms() -> None:
+    boxes, wrong = some_boxes(), perfect(some_boxes().flip(0))
+    heavier = MultiBin(SIZES, 12, {"yaw_bin": 1.5, "yaw": 30.0, "size": 20.0, "corner": 10.0})
+    plain, other = CODE.loss(wrong, boxes), heavier.loss(wrong, boxes)
+    torch.testing.assert_close(other["reg_yaw"], 1.5 * plain["reg_yaw"])
+    for name in ("reg_center", "reg_size", "reg_corner"):
+        assert other[name] == plain[name]
+
+
+def test_corners_do_not_tell_front_from_back() -> None:
+    boxes = some_boxes()
+    back = boxes + torch.tensor([0, 0, 0, 0, 0, 0, pi])
+    assert corner_distance(boxes, back).max() < 1e-4
+    away = boxes + torch.tensor([3.0, 4.0, 0, 0, 0, 0, 0])
+    torch.testing.assert_close(corner_distance(boxes, away), torch.full((len(boxes),), 5.0))
+
+
+def test_a_ray_passes_through_its_pixel(frame: Frame) -> None:
+    pixels = np.array([[600.0, 180.0], [100.0, 200.0], [1200.0, 300.0]])
+    origin, directions = rays(frame.calibration, pixels)
+    for distance in (5.0, 40.0):
+        seen, _ = frame.calibration.points_to_image(frame.calibration.points_to_cam(origin + distance * directions))
+        np.testing.assert_allclose(seen, pixels, atol=1e-6)
+
+
+def test_slabs_hold_what_lies_near_their_places() -> None:
+    slabs = Slabs(1.0, 0.5, 4, [8])
+    np.testing.assert_allclose(slabs.depths(0.0, 3.0), [0.5, 1.5, 2.5])
+    net = SlabNet(slabs).eval()
+    points = torch.tensor([[[0.4, 1.0, 0.0], [0.6, 0.0, 1.0], [2.9, 0.0, 0.0]]])
+    places = torch.tensor([[[0.5, 0, 0], [1.5, 0, 0], [2.5, 0, 0]]])
+    found = net(points, places)
+    assert found.shape == (1, 3, 8)
+    assert (found[0, 1] == 0).all()
+    expected = net.mlp(torch.tensor([[-0.1, 1.0, 0.0], [0.1, 0.0, 1.0]])).amax(dim=0)
+    torch.testing.assert_close(found[0, 0], expected)
+
+
+def test_resolutions_are_read_from_columns() -> None:
+    found = resolutions({"stride": [1, 2], "half": [1, 3], "samples": [4, 5], "widths": [[8], [9]]})
+    assert found == [Slabs(1, 1, 4, [8]), Slabs(2, 3, 5, [9])]
+    with pytest.raises(ValueError, match="shorter"):
+        resolutions({"stride": [1, 2], "half": [1], "samples": [4, 5], "widths": [[8], [9]]})
+
+
+def test_places_are_labelled_by_shares_of_the_object() -> None:
+    box = torch.tensor([[10.0, 0.0, -1.0, 2.0, 2.0, 4.0, 0.0]])  # centre at height 0
+    places = torch.tensor([[[10.0, 0, 0], [11.1, 0, 0], [12.1, 0, 0], [10, 0.6, 0], [10, 0, 0.49]]])
+    assert label_places(places, box, (0.5, 1.0)).tolist() == [[1, -1, 0, -1, 1]]
+    far = places + torch.tensor([0.0, 20.0, 0.0])
+    assert label_places(far, box, (0.5, 1.0)).tolist() == [[1, 0, 0, 0, 0]]  # the nearest stands in
+
+
+def test_boxes_come_back_from_their_frustum() -> None:
+    rng = np.random.default_rng(0)
+    boxes = np.column_stack([rng.normal(0, 5, (20, 3)), rng.uniform(1, 4, (20, 3)), rng.uniform(-3, 3, 20)])
+    origin, angle = np.array([0.3, -0.1, -0.05]), 0.4
+    inside = centered(torch.from_numpy(moved(boxes, -origin, -angle)))
+    turn, places = torch.full((20,), angle, dtype=torch.float64), torch.from_numpy(np.tile(origin, (20, 1)))
+    back = turned_back(inside, turn, places).numpy()
+    np.testing.assert_allclose(back[:, :6], boxes[:, :6], atol=1e-9)
+    np.testing.assert_allclose(np.sin(back[:, 6]), np.sin(boxes[:, 6]), atol=1e-9)
+
+
+def test_jitter_and_sampling_and_enlarging_by_hand() -> None:
+    rng = np.random.default_rng(0)
+    boxes = np.tile([100.0, 100.0, 200.0, 150.0], (500, 1))
+    moved_boxes = jittered(boxes, 0.1, 0.1, rng)
+    extent = moved_boxes[:, 2:] - moved_boxes[:, :2]
+    assert (np.abs(extent / [100, 50] - 1) <= 0.1).all()
+    assert np.abs((moved_boxes[:, 0] + moved_boxes[:, 2]) / 2 - 150).max() <= 10
+    points = np.arange(9.0).reshape(3, 3)
+    assert len(sampled(points, 5, rng)) == 5
+    assert {tuple(row) for row in sampled(points, 3, rng)} == {tuple(row) for row in points}
+    np.testing.assert_allclose(enlarged(np.array([[0, 0, -1, 2, 1, 4, 0.3]]), 1.2), [[0, 0, -1.2, 2.4, 1.2, 4.8, 0.3]])
+
+
+def test_training_frustums_hold_their_objects(detector: FConvNet, frame: Frame) -> None:
+    """The label, taken back from its frustum, is one of the frame's cars, and its place is labelled positive."""
+    detector.flip = 0.0
+    sample = detector.encode(frame, np.random.default_rng(0), training=True)
+    assert len(sample["points"]) > 0
+    places = detector.frustum.places(torch.from_numpy(sample["slope"]), 1)
+    labels = label_places(places, torch.from_numpy(sample["boxes"]), (0.5, 1.0))
+    assert (labels == 1).any(dim=1).all()
+    middle = places[labels == 1].numpy()
+    assert np.isfinite(middle).all()
+    inside = np.abs(sample["points"][..., 1]).max()
+    assert inside < 60  # points lie about the axis
+    cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[frame.labels.types == "Car"])
+    for box, angle in zip(sample["boxes"], sample["angle"], strict=True):
+        sizes = np.abs(cars[:, 3:6] - box[3:6]).max(axis=1)
+        turns = np.abs(np.sin(cars[:, 6] - angle - box[6]))
+        assert ((sizes < 1e-4) & (turns < 1e-4)).any()
+
+
+def test_two_stages_find_what_perfect_networks_would(simulated: Path, frame: Frame, detector: FConvNet) -> None:
+    """With the 2D boxes of the labels and outputs that say the truth, every car comes back where it is."""
+    cars = frame.labels.types == "Car"
+    boxes_velo = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[cars])
+    _, clipped, visible = project_boxes(boxes_velo, frame.calibration, frame.image_size)
+    assert visible.all()
+    seen = Frame(
+        frame.id, frame.points_velo, frame.calibration, frame.labels, frame.image_size,
+        np.column_stack([clipped, np.full(len(clipped), 0.9)]),
+    )  # fmt: skip
+    sample = detector.encode(seen, np.random.default_rng(0), training=False)
+    batch = detector.collate([sample])
+    angle, origin = sample["angle"], sample["origin"]
+    assert len(angle) == len(boxes_velo)  # every car holds points
+    shifted = zip(boxes_velo[:, None], origin, angle, strict=True)
+    targets = np.concatenate([moved(box, -o.astype(float), -float(a)) for box, o, a in shifted])
+
+    class Truth(torch.nn.Module):
+        slabs, reach, places = detector.frustum.slabs, detector.frustum.reach, detector.frustum.places
+
+        def forward(self, points: torch.Tensor, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            spots = Truth.places(slope, 1)
+            boxes = centered(torch.from_numpy(targets).float())
+            relative = boxes[:, None].expand(-1, spots.shape[1], -1).clone()
+            relative[..., :3] -= spots
+            codes = perfect(relative.flatten(0, 1)).view(*spots.shape[:2], -1)
+            logits = torch.full(spots.shape[:2], -9.0)
+            logits[:, 0] = 9.0
+            return logits, codes
+
+    detector.code = CODE
+    truth = Truth()
+    found = detector._find(truth, batch["points"], batch["slope"], batch["image_scores"])  # type: ignore[arg-type]
+    back = turned_back(found[0], batch["angle"][found[2]], batch["origin"][found[2]]).numpy().astype(float)
+    overlaps = bev_and_3d_iou_velo(boxes_velo, back)[1]
+    assert overlaps.max(axis=1).min() > 0.98
+
+
+def test_2d_boxes_are_read_by_frame_and_class(tmp_path: Path) -> None:
+    assert read_image_boxes(tmp_path) is None
+    folder = tmp_path / "rgb_detections"
+    folder.mkdir()
+    file = folder / "rgb_detection_val.txt"
+    file.write_text("a/b/000001.png 2 0.5 1 2 3 4\n\nx/000001.png 1 0.4 0 0 1 1\n/000002.png 2 0.25 -4 0 9 9.5\n")
+    found = read_image_boxes(tmp_path)
+    assert found is not None
+    assert found["000001"].tolist() == [[1, 2, 3, 4, 0.5]]
+    assert found["000002"].tolist() == [[-4, 0, 9, 9.5, 0.25]]
+    people = read_image_boxes(tmp_path, "Pedestrian")
+    assert people is not None
+    assert list(people) == ["000001"]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [("000001.png 2 0.5 1 2 3", "a box needs"), ("000001.png 9 0.5 1 2 3 4", "class 1, 2 or 3"),
+     ("000001.png 2 0.5 1 2 3 x", r"field 'y2': 'x' is not a number")],
+)  # fmt: skip
+def test_a_line_that_is_no_2d_box_is_named(tmp_path: Path, line: str, message: str) -> None:
+    (tmp_path / "rgb_detections").mkdir()
+    (tmp_path / "rgb_detections" / "rgb_detection_train.txt").write_text("000000.png 2 0.5 1 2 3 4\n" + line + "\n")
+    with pytest.raises(DataError, match=rf"rgb_detection_train.txt:2: .*{message}"):
+        read_image_boxes(tmp_path)
+
+
+def test_without_2d_boxes_it_says_what_is_missing(detector: FConvNet, frame: Frame) -> None:
+    bare = Frame(frame.id, frame.points_velo, frame.calibration, frame.labels, frame.image_size)
+    detector.encode(bare, np.random.default_rng(0), training=True)  # which needs labels alone
+    with pytest.raises(DataError, match="needs 2D boxes"):
+        detector.encode(bare, np.random.default_rng(0), training=False)
+
+
+def test_yaw_bins_by_hand() -> None:
+    boxes = some_boxes(3)
+    boxes[:, 6] = torch.tensor([0.0, radians(20), radians(-100)])
+    assert perfect(boxes)[:, 3:15].argmax(dim=1).tolist() == [0, 1, 9]
