@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from PIL import Image
 
 from fl3d.config import compose_config
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.errors import StoreError
 from fl3d.evaluation.average_precision import N_SAMPLES
-from fl3d.evaluation.detections import read_detections, to_labels
 from fl3d.evaluation.protocol import Protocol
 from fl3d.gains import comparable, compare_sweep, gains
 from fl3d.paper.index import write_index
+from fl3d.paper.report_figures import feeds, scenes_of, write_report_figures
 from fl3d.records import Config, StagePaths
 from fl3d.reports.figures.boxes import Scene, figure_1
 from fl3d.reports.figures.curves import ap_over_cut, ap_over_gamma, ap_over_steps, precision_recall
@@ -31,7 +30,6 @@ from fl3d.training.build import build_detector
 from fl3d.training.windows import windows_of
 
 CUTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
-SHOWN = 3  # frames of Figure 1
 
 
 def write_figures(overrides: list[str], say: Callable[[str], None] = print) -> list[Path]:
@@ -46,6 +44,8 @@ def write_figures(overrides: list[str], say: Callable[[str], None] = print) -> l
     """
     chosen = any(override.startswith("+sweep=") for override in overrides)
     config = compose_config(overrides if chosen else [*overrides, "+sweep=gamma"])
+    if feeds(config):
+        return write_report_figures(config, say)
     if not set(config["sweep"]["tables"]) & set(LAST_TABLES):
         raise StoreError(
             f"sweep {config['sweep']['name']}: the figures are of a sweep over gamma, such as +sweep=gamma"
@@ -123,28 +123,14 @@ def _heights(paths: StagePaths) -> pd.DataFrame:
 
 def _scenes(config: Config, scores: pd.DataFrame, folder: Path) -> list[Path]:
     """Figure 1 of each detector: its best models with BCE and with the focal loss, on the frames with most cars."""
-    protocol, written = Protocol(**config["protocol"]), []
+    written: list[Path] = []
     models: dict[str, dict[str, list[Scene]]] = {}
     for detector, trial, step, gamma in _best(config, scores):
-        paths = StagePaths(Path(config["store"]["root"]) / "stages" / trial)
-        machine = json.loads(paths.spec.read_text())["machine"]
-        data = config["data"]
-        kitti = KittiFolder(Path(machine["data_root"]), data["crop"], data["calibration"])
-        stored = read_detections(stage_at(paths, step).detections(step))
-        cars = [(kitti.read_labels(i).types == "Car").sum() for i in stored.frame_ids]
-        scenes = []
-        for index in np.argsort(-np.array(cars), kind="stable")[:SHOWN]:
-            frame = kitti.frame(stored.frame_ids[index])
-            rows = stored.frame == index
-            found = to_labels(
-                stored.boxes_velo[rows], stored.scores[rows], frame.calibration, frame.image_size, protocol
-            )
-            picture = kitti.path("image_2", frame.id).with_suffix(".png")
-            image = np.asarray(Image.open(picture).convert("RGB")) if picture.exists() else None
-            scenes.append(Scene(frame, image, found))
+        paths = stage_at(StagePaths(Path(config["store"]["root"]) / "stages" / trial), step)
+        scenes = scenes_of(config, paths, step)
         label = f"{detector}, BCE" if gamma == 0 else f"{detector}, focal loss, γ = {gamma:g}"
         models.setdefault(detector, {})[label] = scenes
     for detector, pair in models.items():
         name = f"figure_1_{detector.lower().replace('-', '')}"
-        written += figure_1(pair, protocol.ignore_beyond, folder / name)
+        written += figure_1(pair, Protocol(**config["protocol"]).ignore_beyond, folder / name)
     return written

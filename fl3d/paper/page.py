@@ -16,9 +16,11 @@ from fl3d.paper.claims import claims_of
 from fl3d.paper.figures import write_figures
 from fl3d.paper.honest import write_honest
 from fl3d.paper.index import write_index
+from fl3d.paper.report_figures import feeds, write_report_figures
 from fl3d.paper.tables import refuse_without_tables, stored_sweeps, write_still_tables, write_views
 from fl3d.records import Config, StagePaths
 from fl3d.reports.page import Section, folded, link, listing, page, paragraph, picture, preformatted
+from fl3d.reports.published import REPORT_TABLES
 from fl3d.reports.render import to_html
 from fl3d.reports.table import Table
 from fl3d.reports.write import NAMED, write_tables
@@ -37,6 +39,11 @@ CAPTIONS = {
     "ap_over_cut": "3D AP moderate against the score below which detections are dropped.",
     "figure_4": "Figure 4. Cumulative normalised loss of the best focal models' windows, under each γ.",
     "figure_5": "Figure 5. Posterior probability of positive windows, last models.",
+    "report_figure_4_pointrcnn": "Report, as Figure 4, of PointRCNN: overlap over epochs; dotted: second stage.",
+    "report_figure_6_pointrcnn": "Report, as Figure 6, of PointRCNN: proposals above, refined boxes below.",
+    "report_figure_4_fconvnet": "Report, Figure 4: overlap of cars over epochs; dotted: refinement sets in.",
+    "report_figure_6_fconvnet": "Report, Figures 6 and 7: Frustum ConvNet before and after refinement.",
+    "report_figure_8": "Report, Figure 8: 2D detections against ground truth.",
     "imbalance_by_height": "Positive windows of 3D-FCN by height, and how many negatives stand against each (§III-B).",
 }
 
@@ -63,15 +70,17 @@ def write_page(overrides: list[str], say: Callable[[str], None] = print) -> Path
 
     tables, scores = report_from_store(config, quiet)
     views = write_views(config, tables, scores, quiet)
-    for other in stored_sweeps([o for o in overrides if not o.startswith("+sweep=")]):
-        if other["sweep"]["name"] != config["sweep"]["name"]:  # Table V
-            more_tables, more_scores = report_from_store(other, quiet)
-            tables = [*tables, *more_tables]
-            views += write_views(other, more_tables, more_scores, quiet)
+    stored = stored_sweeps([o for o in overrides if not o.startswith("+sweep=")])
+    others = [other for other in stored if other["sweep"]["name"] != config["sweep"]["name"]]
+    for other in others:  # Table V, the report's
+        more_tables, more_scores = report_from_store(other, quiet)
+        tables = [table for table in tables if table.name not in {more.name for more in more_tables}] + more_tables
+        views += write_views(other, more_tables, more_scores, quiet)
+    reported = [path for other in others if feeds(other) for path in write_report_figures(other, quiet)]
     still = write_still_tables(results_folder(config), quiet)
     pictures = {path.stem: path for path in write_figures(overrides, quiet) if path.suffix == ".png"}
     honest, more = write_honest(config, scores)
-    pictures |= {path.stem: path for path in more if path.suffix == ".png"}
+    pictures |= {path.stem: path for path in [*more, *reported] if path.suffix == ".png"}
     claims = claims_of(config, scores)
     write_tables([claims], results_folder(config))
     path = results_folder(config) / "report.html"
@@ -111,13 +120,20 @@ def _findings(config: Config) -> list[str]:
 def _tables(tables: list[Table], views: list[Table]) -> tuple[str, ...]:
     """Each table with intervals, the other forms folded below it."""
     parts = []
-    for table in tables:
+    for table in sorted(tables, key=_place):
         own = {view.name.partition("_")[2]: view for view in views if view.number == table.number}
         parts.append(to_html(own.get("intervals", table)))
         if "published" in own:
             parts.append(folded(f"Table {table.number} beside the published one", to_html(own["published"])))
-        parts.append(folded(f"Table {table.number} as the paper prints it", to_html(table)))
+        if own:
+            parts.append(folded(f"Table {table.number} as the paper prints it", to_html(table)))
     return tuple(parts)
+
+
+def _place(table: Table) -> tuple[bool, bool, str]:
+    """The paper's tables, those of other detectors over gamma, the report's."""
+    is_report = table.number in REPORT_TABLES
+    return is_report, table.name.startswith("gamma"), table.number if is_report else ""
 
 
 def _provenance(config: Config, overrides: list[str]) -> tuple[str, ...]:

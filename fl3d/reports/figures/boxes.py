@@ -76,7 +76,8 @@ def figure_1(
         return save(figure, path, endings)
 
 
-def _on_picture(axes: Axes, scene: Scene) -> None:
+def _picture(axes: Axes, scene: Scene) -> None:
+    """The picture, or the cloud as the camera would see it."""
     frame, calibration = scene.frame, scene.frame.calibration
     width, height = frame.image_size
     if scene.image is not None:
@@ -95,6 +96,12 @@ def _on_picture(axes: Axes, scene: Scene) -> None:
             vmax=0.2,
             rasterized=True,
         )
+
+
+def _on_picture(axes: Axes, scene: Scene) -> None:
+    _picture(axes, scene)
+    frame, calibration = scene.frame, scene.frame.calibration
+    width, height = frame.image_size
     cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[frame.labels.types == "Car"])
     found = calibration.boxes_to_velo(scene.found.boxes_cam)
     for boxes, color, strength in ((cars, PURPLE, np.ones(len(cars))), (found, BLUE, _strength(scene.found))):
@@ -111,6 +118,32 @@ def _on_picture(axes: Axes, scene: Scene) -> None:
 def _strength(found: Labels) -> Array:
     """The surer the stronger."""
     return np.clip(found.scores if found.scores is not None else np.zeros(0), 0.15, 1)
+
+
+def figure_8(scenes: list[Scene], path: Path, least: float = 0.5) -> list[Path]:
+    """The report's Figure 8: 2D boxes of labels, and of a 2D detector where its score is at least ``least``.
+
+    Args:
+        scenes: frames with ``image_boxes``.
+        path: without ending.
+        least: score.
+    """
+    with plt.rc_context(STYLE):
+        figure, grid = plt.subplots(len(scenes), 1, figsize=(5, 1.6 * len(scenes)), squeeze=False, layout="constrained")
+        for axes, scene in zip(grid[:, 0], scenes, strict=True):
+            assert scene.frame.image_boxes is not None
+            _picture(axes, scene)
+            labels = scene.frame.labels
+            found = scene.frame.image_boxes[scene.frame.image_boxes[:, 4] >= least]
+            both = ((labels.boxes_image[labels.types == "Car"], PURPLE, "ground truth"), (found, BLUE, "2D detector"))
+            for boxes, color, label in both:
+                axes.plot([], [], color=color, lw=1, label=label)
+                for x1, y1, x2, y2 in boxes[:, :4]:
+                    axes.plot([x1, x2, x2, x1, x1], [y1, y1, y2, y2, y1], color=color, lw=0.8)
+            width, height = scene.frame.image_size
+            axes.set(xlim=(0, width), ylim=(height, 0), xticks=[], yticks=[], aspect="equal")
+        grid[0, 0].legend(loc="upper right", fontsize=6)
+        return save(figure, path)
 
 
 def birds_eye(

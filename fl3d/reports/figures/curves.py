@@ -52,6 +52,29 @@ def ap_over_steps(scores: pd.DataFrame, path: Path, stages: str = "last") -> lis
     return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 5)]
 
 
+def overlap_over_epochs(scores: pd.DataFrame, path: Path) -> list[Path]:
+    """The report's Figure 4: the cars' mean best overlap over epochs, and the share of those above 0.5 and 0.7.
+
+    Args:
+        scores: tidy, of one trial.
+        path: without ending.
+    """
+    lines = {"recall_3d/mean_iou": "mean IoU", "recall_3d/0.5": "IoU > 0.5", "recall_3d/0.7": "IoU > 0.7"}
+    data = scores.sort_values("step")[["detector", "epoch", "step", *lines]].reset_index(drop=True)
+    fork = data[data["step"] <= scores["first_own_step"].iloc[0]]["epoch"].max()
+
+    def panel(axes: Axes, detector: str) -> None:
+        for (key, label), style in zip(lines.items(), ("-", "--", ":"), strict=True):
+            axes.plot(data["epoch"], data[key], color=BLUE, ls=style, marker="o", ms=2.5, lw=1, label=label)
+        if np.isfinite(fork):
+            axes.axvline(fork, color="0.6", lw=0.8, ls=":")
+        axes.set_xlabel("epoch")
+        axes.set_ylabel("3D overlap of cars, and shares above")
+        axes.set_ylim(0, 1)
+
+    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 3)]
+
+
 def ap_over_gamma(scores: pd.DataFrame, path: Path, gains: pd.DataFrame | None = None) -> list[Path]:
     """APs of the last models against gamma (evenly spaced); thin lines: gamma = 0.
 
