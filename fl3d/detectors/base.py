@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import torch
@@ -48,6 +48,15 @@ class Detector(nn.Module, ABC):
     NAME: ClassVar[str]
     STAGES: ClassVar[tuple[str, ...]]
     DENSE: ClassVar[tuple[str, ...]] = ()
+
+    def train(self, mode: bool = True) -> Self:
+        """As ever, but parts that are frozen, of an earlier stage, stay as they are used."""
+        super().train(mode)
+        for part in self.children():
+            parameters = list(part.parameters())
+            if parameters and not any(parameter.requires_grad for parameter in parameters):
+                part.eval()
+        return self
 
     @abstractmethod
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:

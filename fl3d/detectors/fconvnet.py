@@ -20,7 +20,6 @@ from fl3d.detectors.base import Batch, Detector, Found, Sample
 from fl3d.detectors.frustum_net import FrustumNet
 from fl3d.detectors.frustums import (
     by_frame,
-    centered,
     enlarged,
     jittered,
     label_places,
@@ -29,9 +28,9 @@ from fl3d.detectors.frustums import (
     sampled,
     suppressed,
     turned,
-    turned_back,
 )
 from fl3d.detectors.multibin import MultiBin
+from fl3d.detectors.regions import centered, turned_back
 from fl3d.errors import DataError
 from fl3d.geometry.boxes import Array, points_inside
 from fl3d.losses import BalancedFocalLoss
@@ -115,13 +114,6 @@ class FConvNet(Detector):
             own = resolutions(refine["slabs"])
             self.refine = FrustumNet(own, refine["reach"], refine["blocks"], refine["up"], self.code)
             self.frustum.requires_grad_(False)
-
-    def train(self, mode: bool = True) -> FConvNet:
-        """As ever, but a first stage that is no longer trained stays as it is used."""
-        super().train(mode)
-        if self.refine is not None:
-            self.frustum.eval()
-        return self
 
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
         """Points of frustums behind 2D boxes, or, training the second stage, of jittered boxes; and their objects."""

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from fl3d.data.calibration import Calibration
 from fl3d.detectors.base import Found
+from fl3d.detectors.regions import centered
 from fl3d.geometry.boxes import Array, rectangles_velo, wrap
 from fl3d.geometry.nms import nms
 
@@ -86,19 +87,6 @@ def label_places(places: Tensor, boxes: Tensor, ratio: tuple[float, float]) -> T
     nearest = off.norm(dim=-1).argmin(dim=1)
     labels[lonely, nearest[lonely]] = 1
     return labels
-
-
-def centered(boxes: Tensor) -> Tensor:
-    """From bottom centres to centres: (N, 7) -> (N, 7)."""
-    return torch.cat([boxes[:, :2], boxes[:, 2:3] + boxes[:, 3:4] / 2, boxes[:, 3:]], dim=1)
-
-
-def turned_back(boxes: Tensor, angle: Tensor, origin: Tensor) -> Tensor:
-    """From centres in frustums turned by ``angle`` (N,) at ``origin`` (N, 3) to ``boxes_velo``: (N, 7) -> (N, 7)."""
-    cos, sin = angle.cos(), angle.sin()
-    x, y = boxes[:, 0] * cos - boxes[:, 1] * sin, boxes[:, 0] * sin + boxes[:, 1] * cos
-    places = torch.stack([x, y, boxes[:, 2] - boxes[:, 3] / 2], dim=1) + origin
-    return torch.cat([places, boxes[:, 3:6], boxes[:, 6:] + angle[:, None]], dim=1)
 
 
 def by_frame(

@@ -194,13 +194,6 @@ class PointRCNN(Detector):
             _start(self.rcnn, nn.init.xavier_normal_)
             self.rpn.requires_grad_(False)
 
-    def train(self, mode: bool = True) -> PointRCNN:
-        """As ever, but a first stage that is no longer trained stays as it is used."""
-        super().train(mode)
-        if self.rcnn is not None:
-            self.rpn.eval()
-        return self
-
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
         """Sampled points; for training, what each belongs to, and the objects."""
         points = frame.points_velo[self.grid.inside(frame.points_velo), :3]

@@ -23,7 +23,7 @@ def pool(points: Tensor, features: Tensor, regions: Tensor, frames: Tensor, extr
         (R, count, 3 + C).
     """
     half = regions[:, [5, 4, 3]] / 2 + extra  # along x, y, z of the region
-    center = centers(regions)
+    center = centered(regions)[:, :3]
     inside = (to_regions(points[frames], center, regions[:, 6]).abs() <= half[:, None]).all(dim=-1)
     index = first_true(inside, count) + frames[:, None] * points.shape[1]
     taken = points.flatten(0, 1)[index], features.flatten(0, 1)[index]
@@ -41,18 +41,24 @@ def to_regions(places: Tensor, center: Tensor, yaw: Tensor) -> Tensor:
 
 def relative_to_regions(boxes_velo: Tensor, regions: Tensor) -> Tensor:
     """Boxes as regions see them, centre to centre: (R, 7), (R, 7) -> (R, 7)."""
-    center, own = centers(boxes_velo), centers(regions)
-    moved = to_regions(center[:, None], own, regions[:, 6])[:, 0]
-    return torch.cat([moved, boxes_velo[:, 3:6], boxes_velo[:, 6:] - regions[:, 6:]], dim=1)
+    own = centered(boxes_velo)
+    moved = to_regions(own[:, None, :3], centered(regions)[:, :3], regions[:, 6])[:, 0]
+    return torch.cat([moved, own[:, 3:6], own[:, 6:] - regions[:, 6:]], dim=1)
 
 
 def from_regions(boxes: Tensor, regions: Tensor) -> Tensor:
     """The way back: (R, 7) boxes as regions see them -> (R, 7) ``boxes_velo``."""
-    center = to_regions(boxes[:, None, :3], torch.zeros_like(regions[:, :3]), -regions[:, 6])[:, 0] + centers(regions)
-    bottom = center[:, 2:] - boxes[:, 3:4] / 2
-    return torch.cat([center[:, :2], bottom, boxes[:, 3:6], boxes[:, 6:] + regions[:, 6:]], dim=1)
+    return turned_back(boxes, regions[:, 6], centered(regions)[:, :3])
 
 
-def centers(boxes_velo: Tensor) -> Tensor:
-    """(N, 7) ``boxes_velo`` -> (N, 3)."""
-    return torch.cat([boxes_velo[:, :2], boxes_velo[:, 2:3] + boxes_velo[:, 3:4] / 2], dim=1)
+def turned_back(boxes: Tensor, angle: Tensor, origin: Tensor) -> Tensor:
+    """From centres in frames turned by ``angle`` (N,) at ``origin`` (N, 3) to ``boxes_velo``: (N, 7) -> (N, 7)."""
+    cos, sin = angle.cos(), angle.sin()
+    x, y = boxes[:, 0] * cos - boxes[:, 1] * sin, boxes[:, 0] * sin + boxes[:, 1] * cos
+    places = torch.stack([x, y, boxes[:, 2] - boxes[:, 3] / 2], dim=1) + origin
+    return torch.cat([places, boxes[:, 3:6], boxes[:, 6:] + angle[:, None]], dim=1)
+
+
+def centered(boxes: Tensor) -> Tensor:
+    """From bottom centres to centres: (N, 7) -> (N, 7)."""
+    return torch.cat([boxes[:, :2], boxes[:, 2:3] + boxes[:, 3:4] / 2, boxes[:, 3:]], dim=1)

@@ -13,16 +13,15 @@ from fl3d.data.kitti import Frame, KittiFolder
 from fl3d.data.projection import project_boxes
 from fl3d.detectors.fconvnet import FConvNet
 from fl3d.detectors.frustums import (
-    centered,
     enlarged,
     jittered,
     label_places,
     moved,
     rays,
     sampled,
-    turned_back,
 )
 from fl3d.detectors.multibin import MultiBin, corner_distance
+from fl3d.detectors.regions import centered, turned_back
 from fl3d.errors import DataError
 from fl3d.geometry.iou import bev_and_3d_iou_velo
 from fl3d.points.slabs import SlabNet, Slabs, resolutions
