@@ -70,8 +70,8 @@ format: .venv/installed  ## mend layout and what the linter can
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-test: check  ## everything but the slow campaigns
-	$(BIN)/pytest -q -m "not slow"
+test: check  ## everything but the slow campaigns, on two cores
+	$(BIN)/pytest -q -m "not slow" -n 2 --dist loadfile
 
 test-slow: check  ## the slow campaigns too
 	$(BIN)/pytest -q
