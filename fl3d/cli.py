@@ -60,6 +60,9 @@ def train(arguments: list[str]) -> None:
         from fl3d.sweep.sweepers.grid import Listed
 
         hydra = HydraConfig.get()
+        if config.sweep.name != "trials":
+            ended.append(ConfigError(f"a sweep file is run with -m: python -m fl3d -m +sweep={config.sweep.name}"))
+            return
         point = Point(tuple(hydra.overrides.task), resolve(config))
         try:
             run_sweep(Listed([point]), section(hydra, "launcher"))

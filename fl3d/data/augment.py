@@ -1,4 +1,4 @@
-"""Change training frames at random: objects of other frames put in, flip, turn and scale. For any detector.
+"""Change training frames at random: objects of other frames put in, flip, turn and scale; for detectors of clouds.
 
 Yan, Mao, Li: SECOND: Sparsely Embedded Convolutional Detection. Sensors 2018, §3.2.2; numbers as in PointRCNN's code.
 All of it happens in the LiDAR frame; labels keep what is not a box in space, such as the 2D box, as it was.
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import Frame
-from fl3d.data.labels import joined
+from fl3d.data.labels import Labels, joined
 from fl3d.data.road import ROADS, road_height
 from fl3d.errors import ConfigError, options
 from fl3d.geometry.boxes import Array, points_inside, rectangles_velo, wrap
@@ -31,12 +31,12 @@ class Object:
     Args:
         points_velo: (P, 4) inside the box.
         box_velo: (7,).
-        row: of the frame's labels.
+        label: one row.
     """
 
     points_velo: NDArray[np.float32]
     box_velo: Array
-    row: int
+    label: Labels
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,11 @@ class ObjectSampling:
         classes: of the objects.
         tries: fewest and most objects that are tried in one frame; those that find room stay.
         attempts: draws at most.
-        hard_share: of the draws look for an object of few points.
+        hard_share: of the draws look for an object of few points, the others for one of many.
         hard_points: an object with more is not hard.
         min_points: an object with fewer is not taken.
-        gap: metres that an object's length and width are enlarged by where it is tried against the others.
+        gap: metres that lengths and widths are enlarged by where an object is tried against the others.
+        range_velo: x0, y0, z0, x1, y1, z1 in metres; objects that stand outside are not taken.
         road: ``fitted`` to the frame's points, or ``planes``, files as KITTI's users share them.
 
     Raises:
@@ -64,6 +65,7 @@ class ObjectSampling:
     hard_points: int
     min_points: int
     gap: float
+    range_velo: Sequence[float]
     road: str
 
     def __post_init__(self) -> None:
@@ -79,8 +81,15 @@ class ObjectSampling:
         rows = np.flatnonzero(fit)
         boxes = frame.calibration.boxes_to_velo(labels.boxes_cam[rows])
         inside = points_inside(frame.points_velo, boxes)
-        found = [Object(frame.points_velo[m], box, int(r)) for m, box, r in zip(inside, boxes, rows, strict=True)]
-        return [one for one in found if len(one.points_velo) >= self.min_points]
+        enough = (inside.sum(axis=1) >= self.min_points) & self._within(boxes)
+        return [
+            Object(frame.points_velo[inside[i]], boxes[i], labels.select(np.arange(len(labels)) == rows[i]))
+            for i in np.flatnonzero(enough)
+        ]
+
+    def _within(self, boxes_velo: Array) -> NDArray[np.bool_]:
+        low, high = np.array(self.range_velo[:2]), np.array(self.range_velo[3:5])
+        return np.asarray(((boxes_velo[:, :2] >= low) & (boxes_velo[:, :2] < high)).all(axis=1))
 
 
 class Augmentation:
@@ -132,7 +141,7 @@ class Augmentation:
                 break
             other = int(rng.integers(len(frames)))
             is_hard, pick = rng.random() < rule.hard_share, rng.random()
-            fit = [o for o in self._objects(frames, other) if (len(o.points_velo) <= rule.hard_points) or not is_hard]
+            fit = [o for o in self._objects(frames, other) if (len(o.points_velo) <= rule.hard_points) == is_hard]
             if not fit:
                 continue
             tries -= 1
@@ -140,14 +149,14 @@ class Augmentation:
             ground = road_height(frame, frames.folder, rule.road) if ground is None else ground
             rise = ground(one.box_velo[:2]) - one.box_velo[2]
             box = one.box_velo + np.array([0, 0, rise, 0, 0, 0, 0])
-            if (bev_iou(rectangles_velo(box[None] + _enlarged(rule.gap)), rectangles_velo(taken)) > 0).any():
+            enlarged = np.array([0, 0, 0, 0, rule.gap, rule.gap, 0])
+            if (bev_iou(rectangles_velo(box[None] + enlarged), rectangles_velo(taken + enlarged)) > 0).any():
                 continue
             cleared = box[None] + np.array([0, 0, 0, HEADROOM, 0, 0, 0])
             own = one.points_velo + np.array([0, 0, rise, 0], dtype=np.float32)
             points = np.concatenate([points[~points_inside(points, cleared)[0]], own])
             taken = np.concatenate([taken, box[None]])
-            source = frames[other].labels.select(np.arange(len(frames[other].labels)) == one.row)
-            labels.append(replace(source, boxes_cam=frame.calibration.boxes_to_cam(box[None])))
+            labels.append(replace(one.label, boxes_cam=frame.calibration.boxes_to_cam(box[None])))
         return replace(frame, points_velo=points, labels=joined(labels))
 
     def _objects(self, frames: Frames, index: int) -> list[Object]:
@@ -163,7 +172,3 @@ def _turn(points: NDArray[np.float32], boxes: Array, angle: float) -> None:
         x, y = rows[:, 0].copy(), rows[:, 1].copy()
         rows[:, 0], rows[:, 1] = x * cos - y * sin, x * sin + y * cos
     boxes[:, 6] = wrap(boxes[:, 6] + angle)
-
-
-def _enlarged(gap: float) -> Array:
-    return np.array([0, 0, 0, 0, gap, gap, 0.0])

@@ -41,12 +41,14 @@ class Detector(nn.Module, ABC):
         VERSION: raised when the same config would train to another network; part of a stage's identity.
         NAME: as the papers write it.
         STAGES: the stages it can be trained in; a schedule names some of them, in this order.
+        AUGMENTED: whether frames may be changed for it; False where it reads what changes leave as it was.
         DENSE: its submodules of unchanging shapes where ``compute`` is ``dense``; what ``compile`` compiles.
     """
 
     VERSION: ClassVar[int] = 1
     NAME: ClassVar[str]
     STAGES: ClassVar[tuple[str, ...]]
+    AUGMENTED: ClassVar[bool] = True
     DENSE: ClassVar[tuple[str, ...]] = ()
 
     def train(self, mode: bool = True) -> Self:

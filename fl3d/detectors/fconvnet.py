@@ -83,6 +83,7 @@ class FConvNet(Detector):
 
     NAME = "F-ConvNet"
     STAGES = ("frustum", "refine")
+    AUGMENTED = False  # 2D boxes stay where they were
 
     def __init__(
         self,

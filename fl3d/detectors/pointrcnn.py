@@ -269,7 +269,9 @@ class PointRCNN(Detector):
             scores.append(of[kept])
         return chosen, scores, logits, features
 
-    def _pool(self, batch: Batch, logits: Tensor, features: Tensor, regions: Tensor, frames: Tensor) -> Tensor:
+    def _pool(
+        self, batch: Batch, logits: Tensor, features: Tensor, regions: Tensor, frames: Tensor
+    ) -> tuple[Tensor, Tensor]:
         points = batch["points"]
         mark = (torch.sigmoid(logits) > self.second.mask).to(points.dtype)
         depth = points.norm(dim=-1) / DEPTH_SCALE - 0.5
@@ -289,14 +291,14 @@ class PointRCNN(Detector):
         )
         frames = torch.arange(len(counts)).repeat_interleave(torch.tensor(counts)).to(logits.device)
         regions, targets = regions.float(), targets.float()
-        rows_in = self._pool(batch, logits, features, regions, frames)
+        rows_in, held = self._pool(batch, logits, features, regions, frames)
         relative = relative_to_regions(targets, regions)
         self._augment(rows_in, relative, rng)
         scores, codes = self.rcnn(rows_in)
         rule = self.second.rois
-        positive, negative = overlaps > rule.positive_iou, overlaps < rule.bg_iou
+        positive, negative = (overlaps > rule.positive_iou) & held, (overlaps < rule.bg_iou) & held
         terms = self._region_loss(scores[positive].float(), scores[negative].float())
-        learnt = overlaps > rule.regress_iou
+        learnt = (overlaps > rule.regress_iou) & held
         return terms | self.roi_code.loss(codes[learnt].float(), relative[learnt])
 
     def _region_loss(self, positive: Tensor, negative: Tensor) -> dict[str, Tensor]:
@@ -324,7 +326,7 @@ class PointRCNN(Detector):
             counts = [len(boxes) for boxes in proposals]
             every = torch.from_numpy(np.concatenate(proposals)).to(logits.device).float()
             frames = torch.arange(len(counts)).repeat_interleave(torch.tensor(counts)).to(logits.device)
-            refined, codes = self.rcnn(self._pool(batch, logits, features, every, frames))
+            refined, codes = self.rcnn(self._pool(batch, logits, features, every, frames)[0])
             boxes_velo = from_regions(self.roi_code.decode(codes.float()), every).double().cpu().numpy()
             ends = np.cumsum(counts)[:-1]
             proposals, scores = np.split(boxes_velo, ends), np.split(refined.float().cpu().numpy(), ends)

@@ -8,7 +8,9 @@ from torch import Tensor
 from fl3d.points.operators import first_true
 
 
-def pool(points: Tensor, features: Tensor, regions: Tensor, frames: Tensor, extra: float, count: int) -> Tensor:
+def pool(
+    points: Tensor, features: Tensor, regions: Tensor, frames: Tensor, extra: float, count: int
+) -> tuple[Tensor, Tensor]:
     """Points of regions in their own frames: centre at the origin, length along x.
 
     Args:
@@ -20,7 +22,7 @@ def pool(points: Tensor, features: Tensor, regions: Tensor, frames: Tensor, extr
         count: the first so many points; the first repeats where there are fewer, and all are zero where there is none.
 
     Returns:
-        (R, count, 3 + C).
+        (R, count, 3 + C), and whether a region holds any point (R,).
     """
     half = regions[:, [5, 4, 3]] / 2 + extra  # along x, y, z of the region
     center = centered(regions)[:, :3]
@@ -28,7 +30,8 @@ def pool(points: Tensor, features: Tensor, regions: Tensor, frames: Tensor, extr
     index = first_true(inside, count) + frames[:, None] * points.shape[1]
     taken = points.flatten(0, 1)[index], features.flatten(0, 1)[index]
     rows = torch.cat([to_regions(taken[0], center, regions[:, 6]), taken[1]], dim=-1)
-    return rows * inside.any(dim=1)[:, None, None]
+    held = inside.any(dim=1)
+    return rows * held[:, None, None], held
 
 
 def to_regions(places: Tensor, center: Tensor, yaw: Tensor) -> Tensor:

@@ -42,14 +42,20 @@ class ProposalRule:
         # The code compares boxes as if all stood across the road: their length along the camera's x.
         rectangles = np.column_stack([boxes_velo[:, [0, 1, 4, 5]], np.zeros(len(boxes_velo))])
         order = np.argsort(-scores, kind="stable")
-        kept = []
-        for low, high, share in self.depths:
-            depth = boxes_velo[order, 0]
-            some = order[(depth > low) & (depth <= high)][: int(self.candidates * share)]
-            found = nms(rectangles[some], scores[some], self.iou, "standup", int(self.count * share))
+        kept, depth = [], boxes_velo[order, 0]
+        for (low, high, _), candidates, count in zip(
+            self.depths, self._shares(self.candidates), self._shares(self.count), strict=True
+        ):
+            some = order[(depth > low) & (depth <= high)][:candidates]
+            found = nms(rectangles[some], scores[some], self.iou, "standup", count)
             kept.append(some[found])
         chosen = np.concatenate(kept)
         return chosen[np.argsort(-scores[chosen], kind="stable")]
+
+    def _shares(self, total: int) -> list[int]:
+        """Of the depths, whole numbers; the last has the rest."""
+        shares = [int(total * share) for _, _, share in self.depths[:-1]]
+        return [*shares, total - sum(shares)]
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def _rcnn_bin(overrides: str) -> Front:
 
 
 LAYOUTS = {
-    "R1": _Layout("Recall of PointRCNN as its authors train it", {}, lambda overrides: (), networks=True),
+    "R1": _Layout("Recall of PointRCNN under its authors' loss", {}, lambda overrides: (), networks=True),
     "R2": _Layout("Recall of proposals by batch size", {"batch_size": "Batch Size"}, _batch),
     "R3": _Layout("Recall of proposals by alpha", {"alpha_fg": "α foreground", "alpha_bg": "α background"}, _alpha),
     "R4": _Layout(

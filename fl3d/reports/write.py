@@ -110,7 +110,8 @@ def write_results(
     text = scores.to_csv(index=False, lineterminator="\n")
     is_new = not written[0].exists() or written[0].read_text() != text
     write_text(written[0], text)
-    tables = make_tables(scores, tuple(number for number in numbers if number not in JOINT), stages, notes)
+    alone = tuple(number for number in numbers if number not in JOINT)
+    tables = make_tables(scores, alone, stages, notes) if alone else []
     joint = tuple(number for number in numbers if number in JOINT)
     tables += make_tables(_all_scores(folder, scores), joint, stages, notes) if joint else []
     written += write_tables(tables, folder)

@@ -10,7 +10,7 @@ import torch
 from fl3d.config import locate
 from fl3d.digests import digest
 from fl3d.errors import ConfigError, options
-from fl3d.records import Config
+from fl3d.records import Config, Stage
 from fl3d.reports.published import REPORT_TABLES
 from fl3d.reports.selection import STAGES
 from fl3d.results import names
@@ -65,7 +65,19 @@ class Planner:
             if stage.config["compile"]:
                 with torch.device("meta"):
                     build_detector(stage.config).compile_dense()
+            self._check_start(stage)
         return plan
+
+    def _check_start(self, stage: Stage) -> None:
+        """Refuse a first stage with frozen parts: nothing would ever have trained them."""
+        if stage.parent is None:
+            with torch.device("meta"):
+                frozen = [name for name, p in build_detector(stage.config).named_parameters() if not p.requires_grad]
+            if frozen:
+                part = frozen[0].partition(".")[0]
+                raise ConfigError(
+                    f"schedule.stages: '{stage.name}' comes first, but nothing would have trained its {part}"
+                )
 
     def key(self, point: Point) -> str:
         """The key of a point's trial."""
@@ -83,7 +95,8 @@ class Planner:
         self.detectors.setdefault(target, locate(target, "detector._target_"))
         with torch.device("meta"):
             build_optimizer(point.config, build_detector(point.config))
-        build_augmentation(point.config)
+        if build_augmentation(point.config) is not None and not self.detectors[target].AUGMENTED:
+            raise ConfigError(f"augment: {self.detectors[target].NAME} has its own in its YAML; augment must be null")
 
     def _check_tables(self, points: Sequence[Point]) -> None:
         tables = self.base["sweep"]["tables"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,38 +15,42 @@ from fl3d.records import Config
 from fl3d.reports.selection import select
 from fl3d.results import names, scores_of
 
+PLACES = ("data", "profile", "store", "results")  # what tells where an earlier sweep lies
 
-def with_winners(multirun: Multirun) -> Multirun:
+
+def with_winners(multirun: Multirun, say: Callable[[str], None] = print) -> Multirun:
     """A sweep that keeps, in front of its own overrides, those that won the sweeps it goes on from.
+
+    Args:
+        multirun: the sweep.
+        say: prints a line for the user.
 
     Raises:
         ConfigError: a sweep that names no rule for its winner, or goes on from itself.
-        StoreError: a sweep that it goes on from was not run here.
+        StoreError: a sweep that it goes on from was not run to its end here.
     """
     kept: list[str] = []
     config = multirun.base
-    seen = [config["sweep"]["name"]]
+    seen, own = [config["sweep"]["name"]], set(multirun.sweeper.get("params", {}))
     while (before := config["sweep"]["after"]) is not None:
         if before in seen:
             raise ConfigError(f"sweep.after: {' goes on from '.join([*seen, before])}: there is no first one")
         seen.append(before)
-        config = compose_config([*_shared(multirun.arguments), f"+sweep={before}"])
-        kept = [*winner(config), *kept]
+        places = [a for a in multirun.arguments if a.lstrip("+").partition("=")[0].partition(".")[0] in PLACES]
+        config = compose_config([*places, f"+sweep={before}"])
+        won, value = winner(config)
+        won = [override for override in won if override.partition("=")[0] not in own]  # what is swept now is open
+        say(f"Keeps {' '.join(won) or 'nothing'}, which won {before} ({config['sweep']['winner']} {value:.4g}).")
+        kept = [*won, *kept]
     return replace(multirun, arguments=[*kept, *multirun.arguments])
 
 
-def _shared(arguments: Sequence[str]) -> list[str]:
-    """What all sweeps of a chain are given alike: where data and store are, and the profile."""
-    fixed = ("data", "profile", "store", "results", "protocol", "seed", "schedule")
-    return [a for a in arguments if a.lstrip("+").partition("=")[0].partition(".")[0] in fixed]
-
-
-def winner(config: Config) -> list[str]:
-    """The overrides of a sweep's best trial by its ``sweep.winner``, seeds averaged, last checkpoints.
+def winner(config: Config) -> tuple[list[str], float]:
+    """The overrides of a sweep's best trial by its ``sweep.winner``, last checkpoints, seeds averaged; and the value.
 
     Raises:
         ConfigError: the sweep names no such metric.
-        StoreError: the sweep was not run here.
+        StoreError: the sweep was not run to its end here.
     """
     sweep, called = config["sweep"], names(config)
     if sweep["winner"] is None:
@@ -58,22 +62,26 @@ def winner(config: Config) -> list[str]:
     metrics = [str(column) for column in scores if "/" in str(column)]
     if sweep["winner"] not in metrics:
         raise ConfigError(f"sweep.winner: no metric {sweep['winner']}. {options(sweep['winner'], metrics)}")
-    best = best_overrides(scores, sweep["winner"], _overrides(config))
-    return [override for override in best if not override.startswith("seed=")]
+    planned = _planned(config)
+    missing = planned - set(scores["trial"])
+    if missing:
+        done = f"{len(planned) - len(missing)} of {len(planned)} trials of {called.experiment} are done"
+        raise StoreError(f"{done}; a sweep goes on from its winner, so run it to its end first")
+    return best_overrides(scores, sweep["winner"])
 
 
-def best_overrides(scores: pd.DataFrame, metric: str, overrides: dict[str, list[str]]) -> list[str]:
-    """Overrides of the trials of highest metric at their last checkpoint; of equal ones the first in the plan."""
-    last = select(scores, "last").set_index("trial")[metric]
+def best_overrides(scores: pd.DataFrame, metric: str) -> tuple[list[str], float]:
+    """Overrides of the trials of highest metric at their last checkpoint, without the seed, and its mean over seeds."""
     groups: dict[tuple[str, ...], list[float]] = {}
-    for trial, own in overrides.items():
-        if trial in last.index:
-            key = tuple(override for override in own if not override.startswith("seed="))
-            groups.setdefault(key, []).append(float(last[trial]))
-    return list(max(groups.items(), key=lambda item: sum(item[1]) / len(item[1]))[0])
+    for overrides, value in select(scores, "last")[["overrides", metric]].itertuples(index=False):
+        told = str(overrides).split() if isinstance(overrides, str) else []
+        groups.setdefault(tuple(o for o in told if not o.startswith("seed=")), []).append(float(value))
+    means = {key: sum(values) / len(values) for key, values in sorted(groups.items())}
+    best, value = max(means.items(), key=lambda item: item[1])
+    return list(best), value
 
 
-def _overrides(config: Config) -> dict[str, list[str]]:
-    """Of each trial, in the plan's order."""
-    plan = json.loads(names(config).plan(Path(config["store"]["root"])).read_text())
-    return {trial["key"]: trial["overrides"] for trial in plan["trials"]}
+def _planned(config: Config) -> set[str]:
+    """Keys of a sweep's trials, where its plan is at hand."""
+    plan = names(config).plan(Path(config["store"]["root"]))
+    return {str(trial["key"]) for trial in json.loads(plan.read_text())["trials"]} if plan.exists() else set()

@@ -14,7 +14,8 @@ from fl3d.errors import ConfigError, DataError
 from fl3d.geometry.boxes import count_points_inside, rectangles_velo
 from fl3d.geometry.iou import bev_iou
 
-OBJECTS = ObjectSampling(["Car"], (10, 15), 100, 0.6, 100, 5, 0.5, "fitted")
+RANGE = (0.0, -40.0, -3.0, 70.4, 40.0, 1.0)
+OBJECTS = ObjectSampling(["Car"], (10, 15), 100, 0.6, 100, 5, 0.5, RANGE, "fitted")
 
 
 @pytest.fixture(scope="module")
@@ -109,3 +110,13 @@ def test_the_road_is_read_from_a_plane(frames: Frames, tmp_path: Path) -> None:
 def test_an_unknown_road_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"augment.objects.road: no choice 'sea'"):
         replace(OBJECTS, road="sea")
+
+
+def test_objects_outside_the_range_and_with_few_points_are_not_taken(frames: Frames) -> None:
+    every = [one for i in range(len(frames)) for one in OBJECTS.objects(frames[i])]
+    assert every
+    near = replace(OBJECTS, range_velo=(0.0, -40.0, -3.0, 15.0, 40.0, 1.0))
+    kept = [one for i in range(len(frames)) for one in near.objects(frames[i])]
+    assert len(kept) == sum(one.box_velo[0] < 15 for one in every)
+    full = replace(OBJECTS, min_points=200)
+    assert all(len(one.points_velo) >= 200 for i in range(len(frames)) for one in full.objects(frames[i]))

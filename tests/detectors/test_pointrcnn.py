@@ -160,7 +160,8 @@ def test_pooled_points_stand_in_the_regions_frame() -> None:
     points = torch.tensor([[[10.0, 0.0, 0.0], [10.0, 2.5, 0.0], [50.0, 0.0, 0.0]]])
     features = torch.tensor([[[1.0], [2.0], [3.0]]])
     region = torch.tensor([[10.0, 0.0, -1.0, 2.0, 2.0, 4.0, pi / 2], [80.0, 0, 0, 1, 1, 1, 0]])
-    rows = pool(points, features, region, torch.tensor([0, 0]), extra=1.0, count=3)
+    rows, held = pool(points, features, region, torch.tensor([0, 0]), extra=1.0, count=3)
+    assert held.tolist() == [True, False]
     torch.testing.assert_close(
         rows[0], torch.tensor([[0.0, 0, 0, 1], [2.5, 0, 0, 2], [0.0, 0, 0, 1]]), rtol=0, atol=1e-5
     )

@@ -1,6 +1,7 @@
 """Sweeps that go on from what won before."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -11,17 +12,19 @@ from fl3d.errors import ConfigError, StoreError
 from fl3d.evaluation.protocol import Protocol
 from fl3d.reports.write import FRONT, scores_path
 from fl3d.results import names, results_folder
+from fl3d.sweep.sweepers.grid import expand
 from fl3d.sweep.winners import best_overrides, with_winners
 
 PLACES = ("store.root={0}/runs", "results={0}/results")
 
 
-def ran(root: Path, sweep: str, values: dict[str, dict[str, float]]) -> None:
+def ran(root: Path, sweep: str, values: dict[str, dict[str, float]], missing: Sequence[str] = ()) -> None:
     """As if a sweep had been run: its plan and its scores, by override."""
     config = compose_config([*(place.format(root) for place in PLACES), f"+sweep={sweep}"])
     plan = names(config).plan(Path(config["store"]["root"]))
     plan.parent.mkdir(parents=True, exist_ok=True)
-    plan.write_text(json.dumps({"trials": [{"key": k, "overrides": k.split(), "stages": [k]} for k in values]}))
+    every = [*values, *missing]
+    plan.write_text(json.dumps({"trials": [{"key": k, "overrides": k.split(), "stages": [k]} for k in every]}))
     rows = []
     for key, metrics in values.items():
         front = dict.fromkeys(FRONT, 0) | {"trial": key, "detector": "PointRCNN", "step": 10}
@@ -31,8 +34,9 @@ def ran(root: Path, sweep: str, values: dict[str, dict[str, float]]) -> None:
     pd.DataFrame(rows).to_csv(path, index=False)
 
 
-def arguments(root: Path, sweep: str, *more: str) -> list[str]:
-    return with_winners(multirun([*(place.format(root) for place in PLACES), f"+sweep={sweep}", *more])).arguments
+def arguments(root: Path, sweep: str, *more: str, said: list[str] | None = None) -> list[str]:
+    asked = multirun([*(place.format(root) for place in PLACES), f"+sweep={sweep}", *more])
+    return with_winners(asked, (said if said is not None else []).append).arguments
 
 
 BATCH = "schedule.stages.rpn.set.schedule.batch_size"
@@ -70,10 +74,38 @@ def test_a_sweep_without_a_rule_has_no_winner(tmp_path: Path) -> None:
         arguments(tmp_path, "pointrcnn_alpha", "sweep.after=gamma")
 
 
-def test_seeds_are_averaged_and_ties_go_to_the_first() -> None:
+def test_seeds_are_averaged_and_may_be_swept() -> None:
+    rows = [("a=1 seed=0", 0.9), ("a=1 seed=1", 0.1), ("a=2", 0.6), ("a=4", 0.5)]
     scores = pd.DataFrame(
-        [(f"t{i}", 10, value, 0) for i, value in enumerate((0.9, 0.1, 0.6, 0.6, 0.5))],
-        columns=["trial", "step", "recall_3d/0.7", "first_own_step"],
+        [(overrides, overrides, 10, value, 0) for overrides, value in rows],
+        columns=["trial", "overrides", "step", "recall_3d/0.7", "first_own_step"],
     )
-    overrides = {"t0": ["a=1", "seed=0"], "t1": ["a=1", "seed=1"], "t2": ["a=2"], "t3": ["a=3"], "t4": ["a=4"]}
-    assert best_overrides(scores, "recall_3d/0.7", overrides) == ["a=2"]
+    assert best_overrides(scores, "recall_3d/0.7") == (["a=2"], 0.6)
+
+
+def test_swept_seeds_and_what_is_kept_are_told(tmp_path: Path) -> None:
+    ran(tmp_path, "pointrcnn_batch", {f"{BATCH}=16": {"recall_3d/0.7": 0.3}})
+    said: list[str] = []
+    found = arguments(tmp_path, "pointrcnn_alpha", "seed=0,1", said=said)
+    assert found[0] == f"{BATCH}=16"
+    assert found[-1] == "seed=0,1"
+    assert said == [f"Keeps {BATCH}=16, which won pointrcnn_batch (recall_3d/0.7 0.3)."]
+
+
+def test_an_unfinished_sweep_has_no_winner_yet(tmp_path: Path) -> None:
+    ran(tmp_path, "pointrcnn_batch", {f"{BATCH}=16": {"recall_3d/0.7": 0.3}}, [f"{BATCH}=32"])
+    with pytest.raises(StoreError, match=r"1 of 2 trials of pointrcnn_batch-simulated-quick are done"):
+        arguments(tmp_path, "pointrcnn_alpha")
+
+
+def test_scores_without_a_plan_will_do(tmp_path: Path) -> None:
+    """As in a fresh clone, with committed results."""
+    ran(tmp_path, "pointrcnn_batch", {f"{BATCH}=16": {"recall_3d/0.7": 0.3}})
+    next((tmp_path / "runs" / "plans").glob("*.json")).unlink()
+    assert arguments(tmp_path, "pointrcnn_alpha")[0] == f"{BATCH}=16"
+
+
+def test_one_value_of_what_a_file_sweeps_is_still_told() -> None:
+    fixed, points = expand({"loss.alpha": "0.75,0.8"}, ["loss.alpha=0.8", "seed=3"])
+    assert fixed == ["seed=3"]
+    assert points == [["loss.alpha=0.8"]]

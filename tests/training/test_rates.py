@@ -113,3 +113,17 @@ def test_its_scores_hold_the_recall_of_all_boxes(trained: Sweep) -> None:
         shares = [aps[f"recall_3d/{t}"] for t in ("0.1", "0.3", "0.5", "0.7", "0.9")]
         assert all(0 <= share <= 1 for share in shares)
         assert shares == sorted(shares, reverse=True)
+
+
+def test_a_second_stage_alone_is_refused(simulated: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"'rcnn' comes first, but nothing would have trained its rpn"):
+        two_stage_sweep(simulated, tmp_path, "schedule.stages.rpn=null")
+
+
+def test_augmentation_that_a_detector_would_misread_is_refused(simulated: Path, tmp_path: Path) -> None:
+    shared = ["profile=tiny", "data.generate=false", f"data.root={simulated}", f"store.root={tmp_path}"]
+    change = "augment={_target_:fl3d.data.augment.Augmentation,flip:1.0,turn:0.0,scale:0.0}"
+    config = compose_config([*shared, "detector=fconvnet", change])
+    with pytest.raises(ConfigError, match=r"augment: F-ConvNet has its own"):
+        Sweep(Listed([Point((), config)]), say=lambda line: None)
+    Sweep(Listed([Point((), compose_config([*shared, "detector=voxelnet", change]))]), say=lambda line: None)

@@ -64,6 +64,8 @@ def expand(params: Mapping[str, object], arguments: Sequence[str]) -> tuple[list
     for override in [*filed, *given]:
         if override.is_sweep_override():
             axes.append([f"{override.get_key_element()}={value}" for value in _strings(override)])
+        elif override.input_line is not None and override.key_or_group in params:  # one value of what the file sweeps
+            axes.append([override.input_line])
         elif override.input_line is not None:
             fixed.append(override.input_line)
     return fixed, [list(point) for point in itertools.product(*axes)]
