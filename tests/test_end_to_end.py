@@ -139,7 +139,7 @@ def test_interrupted_it_goes_on_to_the_same_tables(
         assert process.poll() is None
         time.sleep(0.1)
     os.kill(process.pid, how)
-    process.wait(timeout=60)
+    process.wait(timeout=300)
     while members(process.pid):  # workers notice within seconds that their parent has gone
         assert time.monotonic() < deadline, "workers outlive their parent"
         time.sleep(0.2)

@@ -59,7 +59,7 @@ def tidy(raw: pd.DataFrame, trials: set[str] | None = None, protocol: str | None
     aps = sorted(str(column) for column in named if str(column).startswith("ap_"))
     others = sorted(str(column) for column in named if str(column).startswith("recall_"))
     frame = named[[*FRONT, "overrides", *aps, *others]].dropna(subset=aps).copy()
-    frame["overrides"] = frame["overrides"].fillna("")  # of runs from before they were told
+    frame["overrides"] = frame["overrides"].astype(object).fillna("")  # of runs from before they were told
     texts = {"trial", "detector", "protocol", "normalize"}
     frame["normalize"] = frame["normalize"].astype(str).str.lower() == "true"
     for column in FRONT:

@@ -44,6 +44,7 @@ def test_frames_with_a_file_count_empty_ones_too_others_not(folders: tuple[Path,
     [
         ("paper", "A", [0.7, 0.5, 0.5], [0.5, 0.25, 0.25]),
         ("paper_strict", "A", [0.7, 0.7, 0.7], [0.5, 0.5, 0.5]),
+        ("report", "A", [0.7, 0.7, 0.7], [0.5, 0.5, 0.5]),
         ("kitti", "B", [0.7, 0.7, 0.7], [0.5, 0.5, 0.5]),
         ("kitti_loose", "B", [0.7, 0.5, 0.5], [0.5, 0.25, 0.25]),
     ],
