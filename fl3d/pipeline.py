@@ -55,7 +55,9 @@ class Sweep:
         self.stages_root = self.root / "stages"
         self.store = Store(self.root, self.config["store"]["uri"])
         self.data = prepare_data(self.config["data"])
-        self.planner = Planner(self.config, DataInfo(self.data.digest, len(self.data.train_ids)))
+        self.planner = Planner(
+            self.config, DataInfo(self.data.digest, len(self.data.train_ids), self.data.image_digest)
+        )
         self.plan = self.planner.plan(sweeper.first())
         self.provenance = provenance()
 

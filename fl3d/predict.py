@@ -12,6 +12,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from fl3d.data.calibration import MEAN, read_calibration
+from fl3d.data.image_boxes import read_image_boxes
 from fl3d.data.kitti import IMAGE_SIZE, Frame, read_cloud
 from fl3d.data.labels import Labels, labels_from_columns, read_labels, write_labels
 from fl3d.detectors.base import Detector
@@ -135,7 +136,9 @@ def _frame(cloud: Path, calibration: Path | None, crop: str) -> tuple[Frame, np.
     points = read_cloud(cloud)
     if crop == "image":
         points = points[own.in_image(points, size)]
-    return Frame(cloud.stem, points, own, labels, size), image, is_own
+    found = read_image_boxes(cloud.parent.parent.parent) if is_own else None
+    image_boxes = None if found is None else found.get(cloud.stem, np.zeros((0, 5)))
+    return Frame(cloud.stem, points, own, labels, size, image_boxes), image, is_own
 
 
 @torch.no_grad()

@@ -58,9 +58,9 @@ def preview(multirun: Multirun, say: Callable[[str], None] = print) -> Plan:
 def _data(sweeper: Sweeper) -> tuple[DataInfo, int]:
     section = sweeper.base["data"]
     if not is_prepared(section):
-        return DataInfo(NOT_YET, section["train_frames"]), section["val_frames"]
+        return DataInfo(NOT_YET, section["train_frames"], NOT_YET), section["val_frames"]
     data = prepare_data(section)
-    return DataInfo(data.digest, len(data.train_ids)), len(data.val_ids)
+    return DataInfo(data.digest, len(data.train_ids), data.image_digest), len(data.val_ids)
 
 
 class _View:

@@ -38,14 +38,16 @@ def read_image_boxes(root: Path, name: str = "Car") -> ImageBoxes | None:
     rows: dict[str, list[list[float]]] = {}
     for path in paths:
         for number, line in enumerate(read_lines(path), start=1):
-            fields = line.split()
+            fields = line.rsplit(maxsplit=6)
             if not fields:
                 continue
-            if len(fields) != 7 or fields[1] not in "123":
+            if len(fields) != 7 or fields[1] not in ("1", "2", "3"):
                 raise DataError("a box needs a path, a class 1, 2 or 3, a score and four pixels", path, number)
             if int(fields[1]) == CLASSES[name]:
                 score, *box = (
                     finite(text, field, path, number) for text, field in zip(fields[2:], FIELDS, strict=True)
                 )
+                if not 0 <= score <= 1 or box[0] > box[2] or box[1] > box[3]:
+                    raise DataError("a box needs a score in 0..1, and x1 y1 before x2 y2", path, number)
                 rows.setdefault(Path(fields[0]).stem, []).append([*box, score])
     return {frame: np.array(boxes) for frame, boxes in rows.items()}

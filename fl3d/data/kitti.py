@@ -125,18 +125,25 @@ class KittiFolder:
         with Image.open(path) as image:
             return image.size
 
+    def image_digest(self, frame_ids: Iterable[str]) -> str | None:
+        """Identity of what a 2D detector found in some frames; None where none was run."""
+        if self.image_boxes is None:
+            return None
+        digest = hashlib.sha256()
+        for frame_id in frame_ids:
+            digest.update(frame_id.encode() + self.image_boxes.get(frame_id, np.zeros((0, 5))).tobytes())
+        return digest.hexdigest()[:16]
+
     def digest(self, frame_ids: Iterable[str]) -> str:
         """Identity of the data of some frames, wherever they lie.
 
-        Labels, calibrations, what a 2D detector found and the pictures' sizes (they decide the crop) enter in full; of
+        Labels, calibrations and the pictures' sizes (they decide the crop) enter in full; of
         a cloud its size and both ends (a full KITTI has 14 GB of clouds), so a change in a cloud's middle that keeps
         its size goes unnoticed.
         """
         digest = hashlib.sha256()
         for frame_id in frame_ids:
             digest.update(f"{frame_id} {self.image_size(frame_id)} ".encode())
-            if self.image_boxes is not None:
-                digest.update(self.image_boxes.get(frame_id, np.zeros((0, 5))).tobytes())
             for kind in ("label_2", "calib"):
                 content = _read_bytes(self.path(kind, frame_id))
                 digest.update(f"{len(content)} ".encode() + content)

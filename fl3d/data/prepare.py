@@ -22,12 +22,14 @@ class PreparedData:
         train_ids: training frames.
         val_ids: validation frames.
         digest: identity of all of them.
+        image_digest: of what a 2D detector found in them; None where none was run.
     """
 
     root: Path
     train_ids: tuple[str, ...]
     val_ids: tuple[str, ...]
     digest: str
+    image_digest: str | None = None
 
 
 def is_prepared(data: Config) -> bool:
@@ -65,4 +67,5 @@ def prepare_data(data: Config) -> PreparedData:
     val = subset(folder.split(data["val_split"]), data["val_frames"], data["seed"])
     if not train or not val:
         raise DataError("a split without frames cannot be used", root / "ImageSets")
-    return PreparedData(root, tuple(train), tuple(val), digest([folder.digest(train), folder.digest(val)])[:16])
+    whole = digest([folder.digest(train), folder.digest(val)])[:16]
+    return PreparedData(root, tuple(train), tuple(val), whole, folder.image_digest([*train, *val]))

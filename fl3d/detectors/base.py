@@ -42,6 +42,7 @@ class Detector(nn.Module, ABC):
         NAME: as the papers write it.
         STAGES: the stages it can be trained in; a schedule names some of them, in this order.
         AUGMENTED: whether frames may be changed for it; False where it reads what changes leave as it was.
+        IMAGE_BOXES: whether it reads what a 2D detector found.
         DENSE: its submodules of unchanging shapes where ``compute`` is ``dense``; what ``compile`` compiles.
     """
 
@@ -49,6 +50,7 @@ class Detector(nn.Module, ABC):
     NAME: ClassVar[str]
     STAGES: ClassVar[tuple[str, ...]]
     AUGMENTED: ClassVar[bool] = True
+    IMAGE_BOXES: ClassVar[bool] = False
     DENSE: ClassVar[tuple[str, ...]] = ()
 
     def train(self, mode: bool = True) -> Self:
@@ -76,7 +78,7 @@ class Detector(nn.Module, ABC):
 
     @abstractmethod
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
-        """Named loss terms of a batch; training minimises their sum."""
+        """Named loss terms of a batch; training minimises their sum. None at all: there is nothing to learn in it."""
 
     @abstractmethod
     def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:

@@ -37,7 +37,8 @@ from fl3d.losses import BalancedFocalLoss
 from fl3d.points.slabs import resolutions
 
 LEAST_HEIGHT, LEAST_WIDTH = 5.0, 1.0  # pixels of a 2D box that is looked at
-LEAST_TRAIN_HEIGHT = 25.0  # pixels of an object that is learnt
+LEAST_TRAIN_HEIGHT = 25.0  # pixels of an object that is learnt from its 2D box
+ACROSS = np.pi / 2  # the second stage's axis lies across a box, as its code's does: its depth is the width
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ class FConvNet(Detector):
     NAME = "F-ConvNet"
     STAGES = ("frustum", "refine")
     AUGMENTED = False  # 2D boxes stay where they were
+    IMAGE_BOXES = True
 
     def __init__(
         self,
@@ -119,9 +121,9 @@ class FConvNet(Detector):
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
         """Points of frustums behind 2D boxes, or, training the second stage, of jittered boxes; and their objects."""
         if training:
-            cars = (frame.labels.types == "Car") & (
-                (frame.labels.boxes_image[:, 3] - frame.labels.boxes_image[:, 1]) >= LEAST_TRAIN_HEIGHT
-            )
+            cars = frame.labels.types == "Car"
+            if self.refine is None:
+                cars &= frame.labels.boxes_image[:, 3] - frame.labels.boxes_image[:, 1] >= LEAST_TRAIN_HEIGHT
             objects = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[cars])
             held = points_inside(frame.points_velo, objects).any(axis=1)
             objects, boxes_image = objects[held], frame.labels.boxes_image[cars][held]
@@ -159,9 +161,13 @@ class FConvNet(Detector):
             is_small = box[3] - box[1] < LEAST_HEIGHT or box[2] - box[0] < LEAST_WIDTH
             if is_small or not inside.any():
                 continue
-            own = sampled(turned(points_velo[inside] - origin, -angle[k]), self.n_points, rng)
-            if objects is not None:
-                target = moved(objects[k : k + 1], -origin, -angle[k])[0]
+            own = turned(points_velo[inside] - origin, -angle[k])
+            target = None if objects is None else moved(objects[k : k + 1], -origin, -angle[k])[0]
+            low, high = self.frustum.reach
+            if not (low <= target[0] < high if target is not None else (own[:, 0] < high).any()):
+                continue
+            own = sampled(own, self.n_points, rng)
+            if target is not None:
                 spread = self.jitter.depth * np.hypot(target[4], target[5])
                 limit = self.jitter.most * np.hypot(target[4], target[5])
                 self._augment(own, target, float(np.clip(rng.normal(0, spread), -limit, limit)), rng)
@@ -200,7 +206,10 @@ class FConvNet(Detector):
         cloud = frame.points_velo[frame.points_velo[:, 0] > self.nearest, :3].astype(np.float64)
         rule, n = self.second_jitter, len(objects)
         found = objects.copy()
-        found[:, :3] += found[:, [5, 4, 3]] * rng.uniform(-rule.shift, rule.shift, (n, 3))
+        shift = found[:, [5, 4, 3]] * self.second["enlarge"] * rng.uniform(-rule.shift, rule.shift, (n, 3))
+        found[:, :3] += np.concatenate(
+            [turned(s[None], yaw) for s, yaw in zip(shift, found[:, 6], strict=True)] or [shift]
+        )
         found[:, 3:6] *= 1 + rng.uniform(-rule.size, rule.size, (n, 3))
         found[:, 6] += np.deg2rad(rng.uniform(-rule.yaw, rule.yaw, n))
         rows, boxes = [], []
@@ -208,8 +217,8 @@ class FConvNet(Detector):
             own = cloud[points_inside(cloud, enlarged(box[None], self.second["enlarge"]))[0]]
             if len(own):
                 center = box[:3] + [0, 0, box[3] / 2]
-                points = sampled(turned(own - center, -box[6]), self.second["points"], rng)
-                relative = moved(target[None], -center, -box[6])[0]
+                points = sampled(turned(own - center, -box[6] - ACROSS), self.second["points"], rng)
+                relative = moved(target[None], -center, -box[6] - ACROSS)[0]
                 spread = rule.depth * np.hypot(target[4], target[5])
                 shift = float(np.clip(rng.normal(0, spread), -rule.most, rule.most))
                 if rng.random() < self.flip:
@@ -248,9 +257,8 @@ class FConvNet(Detector):
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
         """Of the first stage, or of the second once there is one."""
-        network = self.frustum if self.refine is None else self.refine
         if not len(batch["points"]):
-            return {"nothing": torch.stack([p.sum() for p in network.parameters()]).sum() * 0}
+            return {}  # frames without a car: nothing to learn
         logits, codes, places, labels = self._labelled(batch)
         terms = self.point_loss.classification(logits[labels == 1].float(), logits[labels == 0].float())
         own = batch["boxes"][:, None].expand(-1, labels.shape[1], -1)[labels == 1].clone()
@@ -277,21 +285,20 @@ class FConvNet(Detector):
 
     @torch.no_grad()
     def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
-        """Boxes of all reference points that say object; score: the mean of the 2D detector's and the network's."""
+        """Boxes of all reference points that say object; score: the mean of the 2D detector's and the networks'."""
         counts = batch["counts"].tolist()
         found = [Found(np.zeros((0, 7)), np.zeros(0))] * len(counts)
         if sum(counts):
-            boxes, scores, frustum = self._find(self.frustum, batch["points"], batch["slope"], batch["image_scores"])
+            boxes, p, frustum = self._find(self.frustum, batch["points"], batch["slope"])
+            scores = (p + batch["image_scores"].double()[frustum]) / 2
             boxes = turned_back(boxes, batch["angle"][frustum], batch["origin"][frustum])
             frames = torch.repeat_interleave(torch.arange(len(counts), device=boxes.device), batch["counts"])[frustum]
             limits = (max_boxes, min_score) if self.refine is None else (len(scores), 0.0)
             found = by_frame(boxes, scores, frames, len(counts), *limits)
         return found if self.refine is None else self._refined(batch, found, max_boxes, min_score)
 
-    def _find(
-        self, network: FrustumNet, points: Tensor, slope: Tensor, before: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Centred boxes in the frustums' frames, their scores, and which frustum each is of."""
+    def _find(self, network: FrustumNet, points: Tensor, slope: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Centred boxes in the frustums' frames, their posteriors, and which frustum each is of."""
         logits, codes = network(points, slope)
         p = torch.sigmoid(logits.double())
         chosen = p > 0.5
@@ -299,7 +306,7 @@ class FConvNet(Detector):
         frustum, place = chosen.nonzero(as_tuple=True)
         boxes = self.code.decode(codes[frustum, place].float())
         boxes[:, :3] += network.places(slope, 1)[frustum, place]
-        return boxes, (p[frustum, place] + before.double()[frustum]) / 2, frustum
+        return boxes, p[frustum, place], frustum
 
     def _refined(self, batch: Batch, found: list[Found], max_boxes: int, min_score: float) -> list[Found]:
         """The second stage on the best boxes of each frame, each looked at once more."""
@@ -313,7 +320,7 @@ class FConvNet(Detector):
             rows, kept = [], []
             for k, (box, mask) in enumerate(zip(best.boxes_velo, inside, strict=True)):
                 if mask.any():
-                    own = turned(cloud_velo[mask] - (box[:3] + [0, 0, box[3] / 2]), -box[6])
+                    own = turned(cloud_velo[mask] - (box[:3] + [0, 0, box[3] / 2]), -box[6] - ACROSS)
                     rows.append(own[np.arange(n) % len(own)])
                     kept.append(k)
             if not rows:
@@ -321,13 +328,13 @@ class FConvNet(Detector):
                 continue
             points = torch.from_numpy(np.array(rows, dtype=np.float32)).to(cloud.device)
             before = torch.from_numpy(best.scores[kept]).to(cloud.device)
-            boxes, scores, frustum = self._find(self.refine, points, points.new_zeros(len(points)), before)
+            boxes, p, frustum = self._find(self.refine, points, points.new_zeros(len(points)))
+            scores = (p + 2 * before[frustum]) / 3  # network, network, 2D detector: a third each
             own_boxes = torch.from_numpy(best.boxes_velo[kept]).to(cloud.device).float()[frustum]
-            center = own_boxes[:, :3] + torch.stack([*[own_boxes[:, 0] * 0] * 2, own_boxes[:, 3] / 2], dim=1)
-            boxes = turned_back(boxes, own_boxes[:, 6], center)
+            boxes = turned_back(boxes, own_boxes[:, 6] + ACROSS, centered(own_boxes)[:, :3])
             refined += by_frame(boxes, scores, torch.zeros_like(frustum), 1, max_boxes, min_score)
         return refined
 
     def example(self) -> Batch:
-        """A frame of one frustum."""
-        return {"points": torch.zeros(1, self.n_points, 3), "slope": torch.zeros(1)}
+        """A frame of as many frustums as in training."""
+        return {"points": torch.zeros(self.n_frustums, self.n_points, 3), "slope": torch.zeros(self.n_frustums)}

@@ -12,7 +12,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from fl3d.detectors.base import Detector
 
-LAYERS = (nn.Conv2d, nn.Conv3d, nn.ConvTranspose2d, nn.Linear)
+LAYERS = (nn.Conv1d, nn.Conv2d, nn.Conv3d, nn.ConvTranspose1d, nn.ConvTranspose2d, nn.Linear)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from fl3d.detectors.regions import centered
 from fl3d.geometry.boxes import Array, rectangles_velo, wrap
 from fl3d.geometry.nms import nms
 
+LEAST_SIZE = 0.01  # metres; a network may say less
 SUPPRESSED = 0.1  # overlap in bird's-eye view above which the worse of two boxes is not refined
 
 
@@ -97,7 +98,8 @@ def by_frame(
     rows[:, 6] = wrap(rows[:, 6])
     found = []
     for frame in range(n_frames):
-        own: NDArray[np.int64] = np.flatnonzero((owner == frame) & (values >= min_score))
+        is_box = (rows[:, 3:6] > LEAST_SIZE).all(axis=1)
+        own: NDArray[np.int64] = np.flatnonzero((owner == frame) & (values >= min_score) & is_box)
         own = own[np.argsort(-values[own], kind="stable")[:max_boxes]]
         found.append(Found(rows[own], values[own]))
     return found

@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from fl3d.config import compose_config
+from fl3d.errors import DataError, StoreError
 from fl3d.evaluation.protocol import Protocol
 from fl3d.files import write_text
 from fl3d.gains import compare_sweep, gains
@@ -76,7 +77,7 @@ def write_page(overrides: list[str], say: Callable[[str], None] = print) -> Path
         more_tables, more_scores = report_from_store(other, quiet)
         tables = [table for table in tables if table.name not in {more.name for more in more_tables}] + more_tables
         views += write_views(other, more_tables, more_scores, quiet)
-    reported = [path for other in others if feeds(other) for path in write_report_figures(other, quiet)]
+    reported = [path for other in others if feeds(other) for path in _report_figures(other, say)]
     still = write_still_tables(results_folder(config), quiet)
     pictures = {path.stem: path for path in write_figures(overrides, quiet) if path.suffix == ".png"}
     honest, more = write_honest(config, scores)
@@ -98,6 +99,17 @@ def write_page(overrides: list[str], say: Callable[[str], None] = print) -> Path
     _attach(config, path)
     say(f"Written to {path}; {write_index(Path(config['results']))}.")
     return path
+
+
+def _report_figures(config: Config, say: Callable[[str], None]) -> list[Path]:
+    try:
+        return write_report_figures(config, say)
+    except (
+        DataError,
+        StoreError,
+    ) as error:  # scores are kept with results; the store that they are of may be elsewhere
+        say(f"No figures of {config['sweep']['name']}: {error}")
+        return []
 
 
 def _findings(config: Config) -> list[str]:

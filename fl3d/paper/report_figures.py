@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from fl3d.data.kitti import KittiFolder
+from fl3d.errors import StoreError
 from fl3d.evaluation.detections import read_detections, to_labels
 from fl3d.evaluation.protocol import Protocol
 from fl3d.records import Config, StagePaths
@@ -31,14 +32,16 @@ def write_report_figures(config: Config, say: Callable[[str], None] = print) -> 
         say: prints a line for the user.
 
     Raises:
-        StoreError: the sweep was never run here.
+        StoreError: the sweep was never run here, or is of one stage.
     """
     paths, scores = finished_trials(config)[0], scores_of(config)
     own = scores[scores["trial"] == paths.folder.name]
+    parent = json.loads(paths.spec.read_text())["stage"]["parent"]
+    if own.empty or parent is None:
+        raise StoreError(f"{paths.folder}: the report's figures need the scores of a trial of two stages")
     folder, name = results_folder(config) / "figures", _slug(str(own["detector"].iloc[0]))
     written = overlap_over_epochs(own, folder / f"report_figure_4_{name}")
     first = int(own["first_own_step"].iloc[0])
-    parent = json.loads(paths.spec.read_text())["stage"]["parent"]
     ends = {STAGES[0]: (StagePaths(paths.folder.parent / parent), first), STAGES[1]: (paths, paths.steps()[-1])}
     scenes = {label: scenes_of(config, *end) for label, end in ends.items()}
     protocol = Protocol(**config["protocol"])

@@ -33,6 +33,7 @@ SETTINGS: Mapping[tuple[str, str], str] = {
     (SECOND, "Our Final Parameters"): "loss.alpha=0.3",
 }
 FINAL = SETTINGS[SECOND, "Our Final Parameters"]
+RCNN = r"detector\.rcnn\.bin=\S+$"
 NAMES = {POINTRCNN: "PointRCNN", FCONVNET: "Frustum ConvNet"}
 
 
@@ -43,7 +44,7 @@ def frustum_table(scores: pd.DataFrame, notes: tuple[str, ...] = ()) -> Table:
         scores: tidy, of all sweeps that feed it.
         notes: put below.
     """
-    own = scores[scores["detector"] == FCONVNET]
+    own = _without_seeds(scores[scores["detector"] == FCONVNET])
     ends = _stage_ends(own)
     rows: list[tuple[Cell, ...]] = []
     base: dict[str, dict[str, str]] = {}
@@ -86,10 +87,10 @@ def detectors_table(scores: pd.DataFrame, notes: tuple[str, ...] = ()) -> Table:
         scores: tidy, of all sweeps that feed it.
         notes: put below.
     """
-    last = select(scores[scores["first_own_step"] > 0], "last")
+    last = _without_seeds(select(scores[scores["first_own_step"] > 0], "last"))
     chosen = {}
     for detector, own in last.groupby("detector"):
-        final = own[own["overrides"] == FINAL] if detector == FCONVNET else own
+        final = own[own["overrides"] == FINAL] if detector == FCONVNET else own[own["overrides"].str.match(RCNN)]
         means = final.groupby("overrides")[[f"ap_{metric}/{level}" for metric, level in _cells()]].mean()
         if detector in NAMES and len(means):
             chosen[str(detector)] = means.iloc[int(means["ap_3d/moderate"].to_numpy().argmax())]
@@ -113,6 +114,12 @@ def detectors_table(scores: pd.DataFrame, notes: tuple[str, ...] = ()) -> Table:
     more = "bbox is of the boxes' projections here; the report's Frustum ConvNet writes its 2D detector's boxes."
     legend = "AP in percent; bold: the better of the two"
     return Table("R7", "PointRCNN and Frustum ConvNet", columns, tuple(rows), legend, (*notes, more))
+
+
+def _without_seeds(scores: pd.DataFrame) -> pd.DataFrame:
+    """Scores whose overrides tell all but the seed."""
+    told = scores["overrides"].astype(str).str.replace(r"\s*\bseed=\S+", "", regex=True).str.strip()
+    return scores.assign(overrides=told)
 
 
 def _cells() -> list[tuple[str, str]]:

@@ -21,10 +21,12 @@ class DataInfo:
     Args:
         digest: of all frames.
         n_train: number of training frames.
+        image_digest: of what a 2D detector found in them; None where none was run.
     """
 
     digest: str
     n_train: int
+    image_digest: str | None = None
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def make_plan(
     sweep: str,
     configs: Sequence[tuple[Sequence[str], Config]],
     data: DataInfo,
-    versions: Mapping[str, int],
+    versions: Mapping[str, object],
     known_stages: Mapping[str, Sequence[str]],
 ) -> Plan:
     """Lay out the stages of trials.
@@ -89,7 +91,7 @@ def make_plan(
 
 
 def trial_stages(
-    config: Config, data: DataInfo, versions: Mapping[str, int], known_stages: Mapping[str, Sequence[str]]
+    config: Config, data: DataInfo, versions: Mapping[str, object], known_stages: Mapping[str, Sequence[str]]
 ) -> list[Stage]:
     """The stages of one trial, first to last."""
     target = config["detector"]["_target_"]
@@ -137,7 +139,7 @@ def configure_stage(config: Config, name: str) -> Config:
     return {**merged, "schedule": schedule}
 
 
-def stage_key(config: Config, name: str, parent: Stage | None, data: DataInfo, versions: Mapping[str, int]) -> str:
+def stage_key(config: Config, name: str, parent: Stage | None, data: DataInfo, versions: Mapping[str, object]) -> str:
     """Readable identity: detector, stage, and a hash of the config, the parent, the data and the versions."""
     target = config["detector"]["_target_"]
     content: dict[str, Any] = {

@@ -57,7 +57,7 @@ class Planner:
         for point in points:
             self._check(point)
         self._check_tables(points)
-        versions = {"trainer": TRAINER_VERSION} | {t: d.VERSION for t, d in self.detectors.items()}
+        versions = {"trainer": TRAINER_VERSION} | {t: self._version(d) for t, d in self.detectors.items()}
         offered = {t: d.STAGES for t, d in self.detectors.items()}
         plan = make_plan(self.name, [(p.overrides, p.config) for p in points], self.data, versions, offered)
         for stage in plan.stages.values():  # each may set its own
@@ -67,6 +67,20 @@ class Planner:
                     build_detector(stage.config).compile_dense()
             self._check_start(stage)
         return plan
+
+    def _version(self, detector: Any) -> object:
+        """Of a detector; what a 2D detector found belongs to it where it reads that.
+
+        Raises:
+            ConfigError: it reads that, and there is none.
+        """
+        if not detector.IMAGE_BOXES:
+            return detector.VERSION
+        if self.data.image_digest is None:
+            raise ConfigError(
+                f"detector: {detector.NAME} needs 2D boxes, rgb_detections/rgb_detection_{{train,val}}.txt in data.root"
+            )
+        return [detector.VERSION, self.data.image_digest]
 
     def _check_start(self, stage: Stage) -> None:
         """Refuse a first stage with frozen parts: nothing would ever have trained them."""

@@ -232,6 +232,9 @@ class Trainer:
                 self.schedule.one_cycle.set_momentum(group, self._progress())
         with multiplying(self.precision, self.device):
             terms = self.detector.loss(batch)
+        if not terms:
+            self.step += 1
+            return
         total = torch.stack(list(terms.values())).sum()
         if not torch.isfinite(total):
             values = {name: float(value.detach()) for name, value in terms.items()}

@@ -111,7 +111,7 @@ def test_the_score_floor_holds(detector: Detector, frames: list[Frame]) -> None:
 
 def test_a_frame_without_points_and_one_without_cars_are_survived(detector: Detector, frames: list[Frame]) -> None:
     batch = encode(detector, [without_points(frames[0]), without_cars(frames[1])])
-    terms = detector.loss(batch)
+    terms = detector.loss(batch)  # none where there is nothing to learn
     assert all(torch.isfinite(term) for term in terms.values())
     found = detector.eval().detect(encode(detector, [without_points(frames[0])], training=False), 5, 0.0)
     assert np.isfinite(found[0].boxes_velo).all()

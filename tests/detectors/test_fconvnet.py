@@ -1,5 +1,6 @@
 """Frustum ConvNet by hand: rays, slabs, labels, the box code, and boxes that come back to the LiDAR's frame."""
 
+from dataclasses import replace
 from math import pi, radians
 from pathlib import Path
 
@@ -177,6 +178,7 @@ def test_training_frustums_hold_their_objects(detector: FConvNet, frame: Frame) 
 
 def test_two_stages_find_what_perfect_networks_would(simulated: Path, frame: Frame, detector: FConvNet) -> None:
     """With the 2D boxes of the labels and outputs that say the truth, every car comes back where it is."""
+    detector.frustum.reach = (0.0, 70.0)
     cars = frame.labels.types == "Car"
     boxes_velo = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[cars])
     _, clipped, visible = project_boxes(boxes_velo, frame.calibration, frame.image_size)
@@ -207,7 +209,7 @@ def test_two_stages_find_what_perfect_networks_would(simulated: Path, frame: Fra
 
     detector.code = CODE
     truth = Truth()
-    found = detector._find(truth, batch["points"], batch["slope"], batch["image_scores"])  # type: ignore[arg-type]
+    found = detector._find(truth, batch["points"], batch["slope"])  # type: ignore[arg-type]
     back = turned_back(found[0], batch["angle"][found[2]], batch["origin"][found[2]]).numpy().astype(float)
     overlaps = bev_and_3d_iou_velo(boxes_velo, back)[1]
     assert overlaps.max(axis=1).min() > 0.98
@@ -231,7 +233,8 @@ def test_2d_boxes_are_read_by_frame_and_class(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [("000001.png 2 0.5 1 2 3", "a box needs"), ("000001.png 9 0.5 1 2 3 4", "class 1, 2 or 3"),
-     ("000001.png 2 0.5 1 2 3 x", r"field 'y2': 'x' is not a number")],
+     ("000001.png 12 0.5 1 2 3 4", "class 1, 2 or 3"), ("000001.png 2 1.5 1 2 3 4", "score in 0..1"),
+     ("000001.png 2 0.5 3 2 1 4", "x1 y1 before"), ("000001.png 2 0.5 1 2 3 x", r"field 'y2': 'x' is not a number")],
 )  # fmt: skip
 def test_a_line_that_is_no_2d_box_is_named(tmp_path: Path, line: str, message: str) -> None:
     (tmp_path / "rgb_detections").mkdir()
@@ -251,3 +254,25 @@ def test_yaw_bins_by_hand() -> None:
     boxes = some_boxes(3)
     boxes[:, 6] = torch.tensor([0.0, radians(20), radians(-100)])
     assert perfect(boxes)[:, 3:15].argmax(dim=1).tolist() == [0, 1, 9]
+
+
+def test_the_second_stages_sample_has_its_object_at_the_middle_and_across(frame: Frame) -> None:
+    config = compose_config(["detector=fconvnet", "profile=quick", "detector.flip=0.0"])
+    config["detector"]["refine"]["jitter"] = dict.fromkeys(("shift", "size", "yaw", "depth", "most"), 0.0)
+    detector = build_detector(config)
+    assert isinstance(detector, FConvNet)
+    sample = detector.encode(frame, np.random.default_rng(0), training=True)
+    assert len(sample["points"]) > 0
+    np.testing.assert_allclose(sample["boxes"][:, :2], 0, atol=1e-5)
+    np.testing.assert_allclose(sample["boxes"][:, 6], -pi / 2, atol=1e-5)
+    half = sample["boxes"][:, None, [4, 5]] / 2 * 1.2 + 1e-4  # width along the axis, length beside it
+    assert (np.abs(sample["points"][..., :2]) <= half).all()
+    places = detector.refine.places(torch.zeros(len(sample["points"])), 1)  # type: ignore[union-attr]
+    assert (label_places(places, torch.from_numpy(sample["boxes"]), (0.3, 0.6)) == 1).any(dim=1).all()
+
+
+def test_cars_beyond_the_frustum_are_not_learnt(detector: FConvNet, frame: Frame) -> None:
+    detector.frustum.reach = (0.0, 15.0)
+    detector.flip, detector.jitter = 0.0, replace(detector.jitter, depth=0.0)
+    sample = detector.encode(frame, np.random.default_rng(0), training=True)
+    assert (sample["boxes"][:, 0] < 15.0).all()

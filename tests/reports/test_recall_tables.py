@@ -90,7 +90,11 @@ def scores_of_the_frustum_table() -> pd.DataFrame:
 
 
 def test_table_6_comes_back_from_its_own_cells() -> None:
-    table, printed = frustum_table(scores_of_the_frustum_table()), published_table("R6")
+    scores = scores_of_the_frustum_table()
+    seeds = [scores.assign(seed=k, trial=scores["trial"] + str(k)) for k in (0, 1)]
+    seeds = [own.assign(overrides=own["overrides"] + f" seed={k}") for k, own in enumerate(seeds)]
+    assert frustum_table(pd.concat(seeds)) == frustum_table(scores)
+    table, printed = frustum_table(scores), published_table("R6")
     assert [cell.text for cell in table.column("setting")] == list(printed["setting"])
     for level in LEVELS:
         ours, theirs = table.column(f"3d_{level}"), table.column(f"3d_{level}_published")
