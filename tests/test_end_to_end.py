@@ -130,7 +130,12 @@ def test_interrupted_it_goes_on_to_the_same_tables(
     work, _ = finished
     (tmp_path / "data").symlink_to(work / "data")
     process = subprocess.Popen(
-        command(tmp_path), cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        command(tmp_path),
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it
     )
     stages = tmp_path / "runs" / "stages"
     deadline = time.monotonic() + 300
