@@ -22,7 +22,7 @@ from fl3d.data.voxels import Grid
 from fl3d.detectors.base import Batch, Detector, Found, Sample
 from fl3d.detectors.bins import BinCode
 from fl3d.detectors.blocks import join, join_ragged, sigmoid, top_scores
-from fl3d.detectors.regions import from_regions, pool, relative_to_regions
+from fl3d.detectors.regions import centered, from_regions, pool, relative_to_regions
 from fl3d.detectors.rois import ProposalRule, RoiRule
 from fl3d.errors import ConfigError, options
 from fl3d.geometry.boxes import NEAR, Array, Points, owners, wrap
@@ -245,8 +245,8 @@ class PointRCNN(Detector):
         return terms | self.code.loss(codes[positive].float(), self._relative(batch["own"], batch["points"][positive]))
 
     def _relative(self, boxes_velo: Tensor, places: Tensor) -> Tensor:
-        center = boxes_velo[:, :3] - places
-        return torch.cat([center[:, :2], center[:, 2:] + boxes_velo[:, 3:4] / 2, boxes_velo[:, 3:]], dim=1)
+        own = centered(boxes_velo)
+        return torch.cat([own[:, :3] - places, own[:, 3:]], dim=1)
 
     def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Logits of the foreground's and of the background's points."""

@@ -102,14 +102,12 @@ def write_page(overrides: list[str], say: Callable[[str], None] = print) -> Path
 
 
 def _report_figures(config: Config, say: Callable[[str], None]) -> list[Path]:
+    """The report's figures, or those drawn before: scores are kept with results, the store may be elsewhere."""
     try:
         return write_report_figures(config, say)
-    except (
-        DataError,
-        StoreError,
-    ) as error:  # scores are kept with results; the store that they are of may be elsewhere
-        say(f"No figures of {config['sweep']['name']}: {error}")
-        return []
+    except (DataError, StoreError) as error:
+        say(f"No new figures of {config['sweep']['name']}: {error}")
+        return sorted((results_folder(config) / "figures").glob("report_figure_*.png"))
 
 
 def _findings(config: Config) -> list[str]:
