@@ -234,8 +234,7 @@ def _picture(
 
     def draw(trial: Trial, step: int, target: Path) -> list[Path]:
         stored = read_detections(StagePaths(stages_root / trial.key).detections(step))
-        rows = stored.frame == index
-        found = to_labels(stored.boxes_velo[rows], stored.scores[rows], frame.calibration, frame.image_size, protocol)
+        found = to_labels(*stored.of(index), frame.calibration, frame.image_size, protocol)
         title = f"{' '.join(trial.overrides)}, step {step}, frame {frame.id}"
         return birds_eye(frame, found, protocol.ignore_beyond, title, target / "birds_eye")
 

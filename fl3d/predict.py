@@ -147,4 +147,4 @@ def _look(detector: Detector, frame: Frame, config: Config, device: str, protoco
     limits = config["detections"]
     batch = to_device(detector.collate([sample]), device)
     (found,) = detector.detect(batch, limits["max_boxes"], min(limits["min_score"], protocol.score_threshold))
-    return to_labels(found.boxes_velo, found.scores, frame.calibration, frame.image_size, protocol)
+    return to_labels(found.boxes_velo, found.scores, found.boxes_image, frame.calibration, frame.image_size, protocol)

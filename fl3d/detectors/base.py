@@ -26,10 +26,13 @@ class Found:
     Args:
         boxes_velo: (N, 7), see ``geometry.boxes``.
         scores: (N,) posterior probabilities, falling.
+        boxes_image: (N, 4) 2D boxes x1, y1, x2, y2 in pixels, of a detector that goes by such; None: the projections
+            of its boxes stand for them.
     """
 
     boxes_velo: NDArray[np.float64]
     scores: NDArray[np.float64]
+    boxes_image: NDArray[np.float64] | None = None
 
 
 class Detector(nn.Module, ABC):

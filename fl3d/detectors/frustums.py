@@ -10,11 +10,11 @@ from torch import Tensor
 from fl3d.data.calibration import Calibration
 from fl3d.detectors.base import Found
 from fl3d.detectors.regions import centered
-from fl3d.geometry.boxes import Array, rectangles_velo, wrap
+from fl3d.geometry.boxes import Array, rectangles_velo, spans_velo, wrap
 from fl3d.geometry.nms import nms
 
 LEAST_SIZE = 0.01  # metres; a network may say less
-SUPPRESSED = 0.1  # overlap in bird's-eye view above which the worse of two boxes is not refined
+SUPPRESSED = 0.1  # overlap in 3D above which the worse of two boxes is not refined
 
 
 def rays(calibration: Calibration, pixels: Array) -> tuple[Array, Array]:
@@ -91,21 +91,29 @@ def label_places(places: Tensor, boxes: Tensor, ratio: tuple[float, float]) -> T
 
 
 def by_frame(
-    boxes: Tensor, scores: Tensor, frames: Tensor, n_frames: int, max_boxes: int, min_score: float
+    boxes: Tensor,
+    scores: Tensor,
+    boxes_image: Tensor,
+    frames: Tensor,
+    n_frames: int,
+    max_boxes: int,
+    min_score: float,
 ) -> list[Found]:
-    """Boxes of each frame, best first: (N, 7) ``boxes_velo``, (N,), (N,) -> one ``Found`` a frame."""
+    """Boxes of each frame, best first: (N, 7) ``boxes_velo``, (N,), (N, 4), (N,) -> one ``Found`` a frame."""
     rows, values, owner = boxes.double().cpu().numpy(), scores.double().cpu().numpy(), frames.cpu().numpy()
+    images = boxes_image.double().cpu().numpy()
     rows[:, 6] = wrap(rows[:, 6])
     found = []
     for frame in range(n_frames):
         is_box = (rows[:, 3:6] > LEAST_SIZE).all(axis=1)
         own: NDArray[np.int64] = np.flatnonzero((owner == frame) & (values >= min_score) & is_box)
         own = own[np.argsort(-values[own], kind="stable")[:max_boxes]]
-        found.append(Found(rows[own], values[own]))
+        found.append(Found(rows[own], values[own], images[own]))
     return found
 
 
 def suppressed(found: Found, count: int) -> Found:
     """The best boxes of a frame that do not overlap a better one."""
-    kept = nms(rectangles_velo(found.boxes_velo), found.scores, SUPPRESSED, "rotated", count)
-    return Found(found.boxes_velo[kept], found.scores[kept])
+    boxes_velo = found.boxes_velo
+    kept = nms(rectangles_velo(boxes_velo), found.scores, SUPPRESSED, "3d", count, spans_velo(boxes_velo))
+    return Found(boxes_velo[kept], found.scores[kept], None if found.boxes_image is None else found.boxes_image[kept])

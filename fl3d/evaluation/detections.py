@@ -21,10 +21,12 @@ from fl3d.evaluation.average_precision import Comparison, compare, evaluate
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.recall import OVERLAPS, best_overlaps
 from fl3d.files import write_atomically
-from fl3d.geometry.boxes import rectangles_velo
+from fl3d.geometry.boxes import rectangles_velo, spans_velo
 from fl3d.geometry.nms import nms
 
 BOX_COLUMNS = ("x", "y", "z", "h", "w", "l", "yaw")
+IMAGE_COLUMNS = ("image_x1", "image_y1", "image_x2", "image_y2")
+Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,18 +38,27 @@ class Detections:
         frame: (N,) index into ``frame_ids``.
         boxes_velo: (N, 7).
         scores: (N,).
+        boxes_image: (N, 4), where the detector goes by 2D boxes; else they are projected.
     """
 
     frame_ids: tuple[str, ...]
     frame: NDArray[np.int64]
-    boxes_velo: NDArray[np.float64]
-    scores: NDArray[np.float64]
+    boxes_velo: Float
+    scores: Float
+    boxes_image: Float | None = None
+
+    def of(self, index: int) -> tuple[Float, Float, Float | None]:
+        """Boxes, scores and 2D boxes of one frame."""
+        rows = self.frame == index
+        return self.boxes_velo[rows], self.scores[rows], None if self.boxes_image is None else self.boxes_image[rows]
 
 
 def write_detections(path: Path, detections: Detections) -> None:
     """Store as Parquet: a row a box, the frames' list in the metadata."""
     columns = {"frame": detections.frame.astype(np.int32), "score": detections.scores}
     columns |= {name: detections.boxes_velo[:, i] for i, name in enumerate(BOX_COLUMNS)}
+    if detections.boxes_image is not None:
+        columns |= {name: detections.boxes_image[:, i] for i, name in enumerate(IMAGE_COLUMNS)}
     table = pa.table(columns).replace_schema_metadata({"frame_ids": " ".join(detections.frame_ids)})
     write_atomically(path, lambda temporary: pq.write_table(table, temporary, compression="zstd"))
 
@@ -62,7 +73,11 @@ def read_detections(path: Path) -> Detections:
         table = pq.read_table(path)
         frame_ids = tuple(table.schema.metadata[b"frame_ids"].decode().split())
         boxes = np.column_stack([table[name].to_numpy() for name in BOX_COLUMNS])
-        return Detections(frame_ids, table["frame"].to_numpy().astype(np.int64), boxes, table["score"].to_numpy())
+        image = None
+        if IMAGE_COLUMNS[0] in table.column_names:
+            image = np.column_stack([table[name].to_numpy() for name in IMAGE_COLUMNS])
+        frame = table["frame"].to_numpy().astype(np.int64)
+        return Detections(frame_ids, frame, boxes, table["score"].to_numpy(), image)
     except (OSError, KeyError, TypeError, pa.ArrowException) as error:
         raise DataError(f"is not a file of detections ({error})", path) from None
 
@@ -95,8 +110,9 @@ def read_validation(folder: KittiFolder, ids: Sequence[str]) -> Validation:
 
 
 def to_labels(
-    boxes_velo: NDArray[np.float64],
-    scores: NDArray[np.float64],
+    boxes_velo: Float,
+    scores: Float,
+    boxes_image: Float | None,
     calibration: Calibration,
     image_size: tuple[int, int],
     protocol: Protocol,
@@ -106,17 +122,29 @@ def to_labels(
     Args:
         boxes_velo: (N, 7).
         scores: (N,).
+        boxes_image: (N, 4) their own 2D boxes; None: they are projected.
         calibration: of the frame.
         image_size: (width, height); boxes without any part in the picture are dropped, for KITTI labels only
             what the camera sees.
         protocol: cut, suppression and 2D box.
     """
-    above = scores >= protocol.score_threshold
-    boxes_velo, scores = boxes_velo[above], scores[above]
-    kept = nms(rectangles_velo(boxes_velo), scores, protocol.nms_iou, protocol.nms_kind, protocol.max_detections)
+    above = np.flatnonzero(scores >= protocol.score_threshold)
+    kept = above[
+        nms(
+            rectangles_velo(boxes_velo[above]),
+            scores[above],
+            protocol.nms_iou,
+            protocol.nms_kind,
+            protocol.max_detections,
+            spans_velo(boxes_velo[above]),
+        )
+    ]
     boxes_velo, scores = boxes_velo[kept], scores[kept]
     full, clipped, visible = project_boxes(boxes_velo, calibration, image_size)
-    boxes_image = clipped if protocol.image_box == "clipped" else np.trunc(full)
+    if boxes_image is not None:
+        boxes_image = boxes_image[kept]
+    else:
+        boxes_image = clipped if protocol.image_box == "clipped" else np.trunc(full)
     boxes_cam = calibration.boxes_to_cam(boxes_velo)
     n = len(scores)
     labels = Labels(
@@ -146,10 +174,8 @@ def compare_stored(detections: Detections, validation: Validation, protocol: Pro
         raise DataError("detections are of other frames than the validation split", "detections")
     results, beyond = [], []
     for index in range(len(validation.ids)):
-        rows = detections.frame == index
         calibration, size = validation.calibrations[index], validation.image_sizes[index]
-        boxes, scores = detections.boxes_velo[rows], detections.scores[rows]
-        results.append(to_labels(boxes, scores, calibration, size, protocol))
+        results.append(to_labels(*detections.of(index), calibration, size, protocol))
         beyond.append(_beyond(validation.labels[index], calibration, protocol))
     gt, det = table_from_labels(validation.labels), table_from_labels(results)
     return compare(gt, det, protocol, np.concatenate(beyond))
@@ -174,15 +200,13 @@ def score(detections: Detections, validation: Validation, protocol: Protocol) ->
     return scores_by_name | found | {"recall_3d/mean_iou": float(best.mean()) if len(best) else 0.0}
 
 
-def _cars_and_boxes(
-    detections: Detections, validation: Validation, protocol: Protocol
-) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def _cars_and_boxes(detections: Detections, validation: Validation, protocol: Protocol) -> list[tuple[Float, Float]]:
     """Of each frame every car within the protocol's area, whatever its difficulty, and every stored box."""
     found = []
     for index, (labels, calibration) in enumerate(zip(validation.labels, validation.calibrations, strict=True)):
         cars = (labels.types == "Car") & ~_beyond(labels, calibration, protocol)
         objects = calibration.boxes_to_velo(labels.boxes_cam[cars])
-        found.append((objects, detections.boxes_velo[detections.frame == index]))
+        found.append((objects, detections.of(index)[0]))
     return found
 
 

@@ -25,10 +25,10 @@ class Protocol:
         overlaps: minimum overlap per class, for image, bird's-eye view and 3D.
         score_threshold: detections below are dropped. The paper's "threshold 0.8" is this one.
         nms_iou: overlap above which the lower-scored of two detections is dropped.
-        nms_kind: ``standup`` or ``rotated``.
+        nms_kind: ``standup``, ``rotated`` or ``3d``, see ``geometry.nms``.
         max_detections: kept per frame.
-        image_box: 2D box of a detection: ``clipped`` to the picture, or ``unclipped``, cut to whole pixels, as
-            the paper's code writes it.
+        image_box: 2D box of a detection that brings none of its own: ``clipped`` to the picture, or ``unclipped``,
+            cut to whole pixels, as the paper's code writes it.
         ignore_beyond: x0, y0, x1, y1 in metres, LiDAR frame: ground truths whose centre lies outside are
             neither hits nor misses; None counts all.
     """

@@ -107,6 +107,11 @@ def rectangles_velo(boxes_velo: Array) -> Array:
     return boxes_velo[:, [0, 1, 5, 4, 6]]
 
 
+def spans_velo(boxes_velo: Array) -> Array:
+    """Lowest and highest z of boxes: (N, 7) ``boxes_velo`` -> (N, 2)."""
+    return np.column_stack([boxes_velo[:, 2], boxes_velo[:, 2] + boxes_velo[:, 3]])
+
+
 def rectangles_cam(boxes_cam: Array) -> Array:
     """Footprints in the (x, z) plane of the camera frame: (N, 5) ``rectangles``."""
     rectangles = boxes_cam[:, [0, 2, 5, 4, 6]].copy()

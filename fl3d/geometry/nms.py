@@ -1,4 +1,4 @@
-"""Greedy non-maximum suppression in the bird's-eye view."""
+"""Greedy non-maximum suppression, in the bird's-eye view or in 3D."""
 
 from __future__ import annotations
 
@@ -8,52 +8,63 @@ from numpy.typing import NDArray
 
 from fl3d.errors import ConfigError, options
 from fl3d.geometry.boxes import Array, standup
-from fl3d.geometry.iou import corners_of, shared_area
+from fl3d.geometry.iou import Float, corners_of, shared_area
 
-KINDS = ("standup", "rotated")
+KINDS = ("standup", "rotated", "3d")
 
 
-def nms(rectangles: Array, scores: Array, iou: float, kind: str, max_kept: int) -> NDArray[np.int64]:
+def nms(
+    rectangles: Array, scores: Array, iou: float, kind: str, max_kept: int, spans: Array | None = None
+) -> NDArray[np.int64]:
     """Keep the best-scored rectangles that do not overlap a better one.
 
     Args:
         rectangles: (N, 5), see ``geometry.boxes``.
         scores: (N,); ties are kept in the given order.
         iou: a rectangle goes when its overlap with a kept one is above this.
-        kind: ``standup`` compares axis-parallel hulls, as the paper's code does; ``rotated`` is exact.
+        kind: ``standup`` compares axis-parallel hulls, as the paper's code does; ``rotated`` is exact; ``3d`` compares
+            the volumes that stand on the rectangles.
         max_kept: stop after this many.
+        spans: (N, 2) lowest and highest z of each, which only ``3d`` looks at, and needs.
 
     Returns:
         indices of the kept rectangles, best score first.
 
     Raises:
-        ConfigError: ``kind`` is unknown.
+        ConfigError: ``kind`` is unknown, or a number is not finite.
     """
     if kind not in KINDS:
         raise ConfigError(f"protocol.nms_kind: no kind '{kind}'. {options(kind, KINDS)}")
+    if kind == "3d":
+        assert spans is not None
+    else:
+        spans = np.broadcast_to([0.0, 1.0], (len(rectangles), 2))  # all of one height: volumes are areas
     order = np.argsort(-scores, kind="stable")
     rectangles = np.ascontiguousarray(rectangles, dtype=np.float64)
     hulls = standup(rectangles)
-    if not np.isfinite(hulls).all():
+    spans = np.ascontiguousarray(spans, dtype=np.float64)
+    if not (np.isfinite(hulls).all() and np.isfinite(spans).all()):
         raise ConfigError("rectangles must be finite")
-    return _greedy(rectangles, hulls, order, iou, kind == "rotated", max_kept)
+    return _greedy(rectangles, spans, hulls, order, iou, kind != "standup", max_kept)
 
 
 @numba.njit(cache=True)
-def _overlap(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64], q: NDArray[np.float64]) -> float:
-    """IoU of rotated rectangles; ``p`` and ``q`` are room for their corners."""
-    if not (a[2] > 0 and a[3] > 0 and b[2] > 0 and b[3] > 0):
+def _overlap(a: Float, b: Float, span_a: Float, span_b: Float, p: Float, q: Float) -> float:
+    """IoU of what stands on rotated rectangles; ``p`` and ``q`` are room for their corners."""
+    rise = min(span_a[1], span_b[1]) - max(span_a[0], span_b[0])
+    if not (a[2] > 0 and a[3] > 0 and b[2] > 0 and b[3] > 0 and rise > 0):
         return 0.0
     corners_of(a, p)
     corners_of(b, q)
-    area = shared_area(p, q)
-    return area / (a[2] * a[3] + b[2] * b[3] - area)
+    volume = shared_area(p, q) * rise
+    return volume / (a[2] * a[3] * (span_a[1] - span_a[0]) + b[2] * b[3] * (span_b[1] - span_b[0]) - volume)
 
 
 @numba.njit(cache=True)
 def _greedy(
-    rectangles: NDArray[np.float64],
-    hulls: NDArray[np.float64],
+    rectangles: Float,
+    spans: Float,
+    hulls: Float,
     order: NDArray[np.int64],
     iou: float,
     rotated: bool,
@@ -87,7 +98,7 @@ def _greedy(
                     height = min(hulls[i, 3], hulls[j, 3]) - max(hulls[i, 1], hulls[j, 1])
                     if width > 0 and height > 0:
                         if rotated:
-                            is_free = _overlap(rectangles[j], rectangles[i], p, q) <= iou
+                            is_free = _overlap(rectangles[j], rectangles[i], spans[j], spans[i], p, q) <= iou
                         else:
                             area_i = (hulls[i, 2] - hulls[i, 0]) * (hulls[i, 3] - hulls[i, 1])
                             area_j = (hulls[j, 2] - hulls[j, 0]) * (hulls[j, 3] - hulls[j, 1])

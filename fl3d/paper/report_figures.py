@@ -66,8 +66,8 @@ def scenes_of(config: Config, paths: StagePaths, step: int) -> list[Scene]:
     cars = [(kitti.read_labels(i).types == "Car").sum() for i in stored.frame_ids]
     scenes = []
     for index in np.argsort(-np.array(cars), kind="stable")[:SHOWN]:
-        frame, rows = kitti.frame(stored.frame_ids[index]), stored.frame == index
-        found = to_labels(stored.boxes_velo[rows], stored.scores[rows], frame.calibration, frame.image_size, protocol)
+        frame = kitti.frame(stored.frame_ids[index])
+        found = to_labels(*stored.of(index), frame.calibration, frame.image_size, protocol)
         picture = kitti.path("image_2", frame.id)
         image = np.asarray(Image.open(picture).convert("RGB")) if picture.exists() else None
         scenes.append(Scene(frame, image, found))

@@ -299,4 +299,5 @@ def detect_frames(
         np.repeat(np.arange(len(found)), counts),
         np.concatenate([f.boxes_velo for f in found]),
         np.concatenate([f.scores for f in found]),
+        np.concatenate(images) if (images := [f.boxes_image for f in found if f.boxes_image is not None]) else None,
     )

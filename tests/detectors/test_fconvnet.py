@@ -13,6 +13,7 @@ from fl3d.data.image_boxes import read_image_boxes
 from fl3d.data.kitti import Frame, KittiFolder
 from fl3d.data.projection import project_boxes
 from fl3d.detectors.fconvnet import FConvNet
+from fl3d.detectors.frustum_samples import Jitter
 from fl3d.detectors.frustums import (
     enlarged,
     jittered,
@@ -20,6 +21,7 @@ from fl3d.detectors.frustums import (
     moved,
     rays,
     sampled,
+    turned,
 )
 from fl3d.detectors.multibin import MultiBin, corner_distance
 from fl3d.detectors.regions import centered, turned_back
@@ -157,9 +159,44 @@ def test_jitter_and_sampling_and_enlarging_by_hand() -> None:
     np.testing.assert_allclose(enlarged(np.array([[0, 0, -1, 2, 1, 4, 0.3]]), 1.2), [[0, 0, -1.2, 2.4, 1.2, 4.8, 0.3]])
 
 
+def test_samples_turn_and_grow_with_their_objects() -> None:
+    """What lies at a corner of the object stays there."""
+    still = Jitter(shift=0, size=0, yaw=0, depth=0, most=0, flip=0, turn=0, scale=0)
+    box = np.array([20.0, 1.0, -1.0, 1.5, 1.6, 4.0, 0.4])
+    corner = turned(np.array([[2.0, 0.8, 0.0]]), 0.4) + box[:3]
+    same = still.changed(corner, box, np.random.default_rng(0))
+    assert (same[0] == corner).all()
+    assert (same[1] == box).all()
+    for rule in (replace(still, turn=30.0), replace(still, scale=0.2), replace(still, flip=1.0, turn=30.0, scale=0.2)):
+        points, changed = rule.changed(corner, box, np.random.default_rng(0))
+        assert np.abs(changed - box).max() > 0.01
+        factor = changed[5] / box[5]
+        side = -1 if rule.flip else 1
+        own = turned(points - changed[:3], -changed[6])
+        np.testing.assert_allclose(own, factor * np.array([[2.0, side * 0.8, 0.0]]), atol=1e-9)
+        np.testing.assert_allclose(np.linalg.norm(changed[:3]), factor * np.linalg.norm(box[:3]))
+
+
+def test_boxes_bring_the_2d_boxes_they_came_of(simulated: Path, frame: Frame) -> None:
+    torch.manual_seed(0)
+    for refine in (False, True):
+        config = compose_config(["detector=fconvnet", "profile=quick"])
+        if not refine:
+            config["detector"]["refine"] = None
+        detector = build_detector(config).eval()
+        seen = KittiFolder(simulated).frame(frame.id)
+        assert seen.image_boxes is not None
+        batch = detector.collate([detector.encode(seen, np.random.default_rng(0), training=False)])
+        (found,) = detector.detect(batch, 300, 0.0)
+        assert found.boxes_image is not None
+        assert len(found.boxes_image) == len(found.boxes_velo) > 0
+        clipped = np.clip(seen.image_boxes[:, :4], 0, np.array([seen.image_size] * 2).ravel() - 1.0)
+        assert all((np.abs(clipped - box).max(axis=1) < 1e-3).any() for box in found.boxes_image)
+
+
 def test_training_frustums_hold_their_objects(detector: FConvNet, frame: Frame) -> None:
     """The label, taken back from its frustum, is one of the frame's cars, and its place is labelled positive."""
-    detector.flip = 0.0
+    detector.view.jitter = replace(detector.view.jitter, flip=0.0)
     sample = detector.encode(frame, np.random.default_rng(0), training=True)
     assert len(sample["points"]) > 0
     places = detector.frustum.places(torch.from_numpy(sample["slope"]), 1)
@@ -178,7 +215,7 @@ def test_training_frustums_hold_their_objects(detector: FConvNet, frame: Frame) 
 
 def test_two_stages_find_what_perfect_networks_would(simulated: Path, frame: Frame, detector: FConvNet) -> None:
     """With the 2D boxes of the labels and outputs that say the truth, every car comes back where it is."""
-    detector.frustum.reach = (0.0, 70.0)
+    detector.view.reach = detector.frustum.reach = (0.0, 70.0)
     cars = frame.labels.types == "Car"
     boxes_velo = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[cars])
     _, clipped, visible = project_boxes(boxes_velo, frame.calibration, frame.image_size)
@@ -257,8 +294,8 @@ def test_yaw_bins_by_hand() -> None:
 
 
 def test_the_second_stages_sample_has_its_object_at_the_middle_and_across(frame: Frame) -> None:
-    config = compose_config(["detector=fconvnet", "profile=quick", "detector.flip=0.0"])
-    config["detector"]["refine"]["jitter"] = dict.fromkeys(("shift", "size", "yaw", "depth", "most"), 0.0)
+    config = compose_config(["detector=fconvnet", "profile=quick"])
+    config["detector"]["refine"]["jitter"] = dict.fromkeys(config["detector"]["refine"]["jitter"], 0.0)
     detector = build_detector(config)
     assert isinstance(detector, FConvNet)
     sample = detector.encode(frame, np.random.default_rng(0), training=True)
@@ -272,7 +309,7 @@ def test_the_second_stages_sample_has_its_object_at_the_middle_and_across(frame:
 
 
 def test_cars_beyond_the_frustum_are_not_learnt(detector: FConvNet, frame: Frame) -> None:
-    detector.frustum.reach = (0.0, 15.0)
-    detector.flip, detector.jitter = 0.0, replace(detector.jitter, depth=0.0)
+    detector.view.reach = (0.0, 15.0)
+    detector.view.jitter = replace(detector.view.jitter, flip=0.0, depth=0.0)
     sample = detector.encode(frame, np.random.default_rng(0), training=True)
     assert (sample["boxes"][:, 0] < 15.0).all()

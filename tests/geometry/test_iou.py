@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from fl3d.errors import ConfigError
 from fl3d.geometry.boxes import standup
-from fl3d.geometry.iou import bev_and_3d_iou_cam, bev_iou, image_iou
+from fl3d.geometry.iou import bev_and_3d_iou_cam, bev_and_3d_iou_velo, bev_iou, image_iou
 from fl3d.geometry.nms import nms
 
 rectangle = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.1, 6), st.floats(0.1, 6), st.floats(-7, 7)).map(
@@ -86,7 +86,17 @@ def test_unknown_kind_of_nms_names_the_known_ones() -> None:
         nms(np.zeros((0, 5)), np.zeros(0), 0.1, "stand", 9)
 
 
-@pytest.mark.parametrize("kind", ["standup", "rotated"])
+def test_nms_in_3d_keeps_what_stands_on_top() -> None:
+    """Two boxes of a height 2 on one footprint, 1 m apart in height: a third of their union is shared."""
+    rectangles, spans = np.array([[0.0, 0, 4, 2, 0.3]] * 2), np.array([[0.0, 2.0], [1.0, 3.0]])
+    scores = np.array([0.9, 0.8])
+    assert nms(rectangles, scores, 0.1, "rotated", 9).tolist() == [0]
+    assert nms(rectangles, scores, 0.33, "3d", 9, spans).tolist() == [0]
+    assert nms(rectangles, scores, 0.34, "3d", 9, spans).tolist() == [0, 1]
+    assert nms(rectangles, scores, 0.0, "3d", 9, spans + [[0, 0], [1, 1]]).tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("kind", ["standup", "rotated", "3d"])
 @given(seed=st.integers(0, 2**31), spread=st.sampled_from([5.0, 60.0]), iou=st.sampled_from([0.0, 0.1, 0.5]))
 def test_nms_equals_its_plain_definition(kind: str, seed: int, spread: float, iou: float) -> None:
     rng = np.random.default_rng(seed)
@@ -94,9 +104,15 @@ def test_nms_equals_its_plain_definition(kind: str, seed: int, spread: float, io
     shape = (rng.uniform(-spread, spread, (n, 2)), rng.uniform(0.3, 6, (n, 2)), rng.uniform(-4, 4, (n, 1)))
     rectangles, scores = np.concatenate(shape, axis=1), rng.random(n)
     hulls = standup(rectangles)
-    overlap = bev_iou(rectangles, rectangles) if kind == "rotated" else image_iou(hulls, hulls)
+    lowest, height = rng.uniform(-2, 0, n), rng.uniform(0.5, 2, n)
+    boxes = np.column_stack([rectangles[:, :2], lowest, height, rectangles[:, [3, 2, 4]]])
+    overlap = {
+        "standup": lambda: image_iou(hulls, hulls),
+        "rotated": lambda: bev_iou(rectangles, rectangles),
+        "3d": lambda: bev_and_3d_iou_velo(boxes, boxes)[1],
+    }[kind]()
     kept: list[int] = []
     for i in np.argsort(-scores):
         if all(overlap[j, i] <= iou for j in kept):
             kept.append(int(i))
-    assert nms(rectangles, scores, iou, kind, n).tolist() == kept
+    assert nms(rectangles, scores, iou, kind, n, np.column_stack([lowest, lowest + height])).tolist() == kept
