@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.data.kitti import Frame, KittiFolder
+from fl3d.errors import DataError
 from fl3d.geometry.boxes import count_points_inside
 
 
@@ -57,6 +58,18 @@ class Frames:
             if len(self._cache) < self._cache_size:
                 self._cache[frame_id] = frame
         return frame
+
+
+def frames_with(folder: KittiFolder, ids: Sequence[str], types: Sequence[str]) -> list[str]:
+    """Those frames whose labels name any of these types.
+
+    Raises:
+        DataError: there is none.
+    """
+    found = [i for i in ids if np.isin(folder.read_labels(i).types, types).any()]
+    if not found:
+        raise DataError(f"no training frame holds a label of type {' or '.join(types)}", folder.root)
+    return found
 
 
 def subset(ids: Sequence[str], count: int | None, seed: int) -> list[str]:

@@ -45,6 +45,8 @@ class Detector(nn.Module, ABC):
         NAME: as the papers write it.
         STAGES: the stages it can be trained in; a schedule names some of them, in this order.
         AUGMENTED: whether frames may be changed for it; False where it reads what changes leave as it was.
+        LEARNS_FROM: label types of which a training frame must hold one; none: it learns from empty frames too. An
+            epoch has as many frames in either case.
         IMAGE_BOXES: whether it reads what a 2D detector found.
         DENSE: its submodules of unchanging shapes where ``compute`` is ``dense``; what ``compile`` compiles.
     """
@@ -53,6 +55,7 @@ class Detector(nn.Module, ABC):
     NAME: ClassVar[str]
     STAGES: ClassVar[tuple[str, ...]]
     AUGMENTED: ClassVar[bool] = True
+    LEARNS_FROM: ClassVar[tuple[str, ...]] = ()
     IMAGE_BOXES: ClassVar[bool] = False
     DENSE: ClassVar[tuple[str, ...]] = ()
 

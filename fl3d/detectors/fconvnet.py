@@ -50,9 +50,11 @@ class FConvNet(Detector):
             ``jitter``, ``candidates``; None: there is none yet.
     """
 
+    VERSION = 2
     NAME = "F-ConvNet"
     STAGES = ("frustum", "refine")
     AUGMENTED = False  # 2D boxes stay where they were
+    LEARNS_FROM = ("Car",)
     IMAGE_BOXES = True
 
     def __init__(

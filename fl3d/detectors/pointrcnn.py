@@ -156,8 +156,10 @@ class PointRCNN(Detector):
         rcnn: the second stage, see ``Refinement``; None: there is none yet, and proposals are what is found.
     """
 
+    VERSION = 2
     NAME = "PointRCNN"
     STAGES = ("rpn", "rcnn")
+    LEARNS_FROM = ("Car", "Van")  # as its code: vans' frames stay, though vans are not learnt
 
     def __init__(
         self,

@@ -8,10 +8,10 @@ import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
-from fl3d.data.dataset import Frames
+from fl3d.data.dataset import Frames, frames_with
 from fl3d.data.kitti import KittiFolder
 from fl3d.digests import file_digest
 from fl3d.errors import CheckpointError, ConfigError, Fl3dError
@@ -76,12 +76,16 @@ class _Run:
         prepare(config["seed"], self.device, config["precision"])
         folder = KittiFolder(Path(self.machine["data_root"]), config["data"]["crop"], config["data"]["calibration"])
         cache: int = self.machine["cache_frames"]
-        self.train = Frames(folder, self.machine["train_ids"], cache)
         self.val = Frames(folder, self.machine["val_ids"], cache)
         self.validation = read_validation(folder, self.val.ids)
         self.protocol = build_protocol(self.machine["protocol"])
-        self.schedule = build_schedule(config, self.machine)
         self.detector = build_detector(config).to(self.device)
+        train_ids = self.machine["train_ids"]
+        schedule = build_schedule(config, self.machine)
+        self.schedule = replace(schedule, frames_per_epoch=schedule.epoch_frames(len(train_ids)))
+        if self.detector.LEARNS_FROM:
+            train_ids = frames_with(folder, train_ids, self.detector.LEARNS_FROM)
+        self.train = Frames(folder, train_ids, cache)
         if config["compile"]:
             self.detector.compile_dense()
         optimizer = build_optimizer(config, self.detector)
