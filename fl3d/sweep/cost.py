@@ -34,7 +34,8 @@ class Cost:
         flops: of training and of detection on the validation frames, by the network's dense layers.
         weights_bytes: of its checkpoints' weights and optimisers, as long as all are kept.
         detection_bytes: of what they predict on the validation frames, at most.
-        is_measured: whether the time comes from stages of the same network, or from its FLOPs.
+        is_measured: whether the time comes from stages of the same network, or from its FLOPs, and from how much longer
+            than theirs the same detector's other networks took.
     """
 
     seconds: float
@@ -51,9 +52,18 @@ class Cost:
 
 @dataclass(frozen=True)
 class _Network:
-    """What one configuration of a detector costs: forward FLOPs of a frame, and bytes of a checkpoint."""
+    """What one configuration of a detector costs.
 
+    Args:
+        target: the detector.
+        flops: of a frame, forward.
+        step_flops: of a training step.
+        bytes: of a checkpoint.
+    """
+
+    target: str
     flops: float
+    step_flops: float
     bytes: float
 
 
@@ -87,7 +97,7 @@ class Costs:
             step, frame = known
             seconds = stage.steps * step + looked_at * frame
         else:
-            seconds = flops / self.speed()
+            seconds = flops / self.speed() * self._slowness(network.target)
         return Cost(seconds, flops, n_checkpoints * network.bytes, n_checkpoints * boxes, known is not None)
 
     def learn(self) -> None:
@@ -123,11 +133,22 @@ class Costs:
             self._medians[kind, stage.name] = median
         return self._medians[kind, stage.name]
 
+    def _slowness(self, target: str) -> float:
+        """How much longer than their FLOPs say a detector's other networks took a step; 1: none was seen."""
+        found = [
+            statistics.median(step for step, _ in rates) * self.speed() / self._networks[kind].step_flops
+            for (kind, _), rates in self._rates.items()
+            if kind in self._networks and self._networks[kind].target == target
+        ]
+        return statistics.median(found) if found else 1.0
+
     def _network(self, stage: Stage) -> _Network:
         kind = _kind(stage)
         if kind not in self._networks:
             flops = sum(layer_flops(lambda: build_detector(stage.config)).values())
-            self._networks[kind] = _Network(flops, _state_bytes(stage.config))
+            step_flops = flops * stage.config["schedule"]["batch_size"] * (1 + BACKWARD)
+            target = stage.config["detector"]["_target_"]
+            self._networks[kind] = _Network(target, flops, step_flops, _state_bytes(stage.config))
         return self._networks[kind]
 
     def speed(self) -> float:

@@ -7,7 +7,7 @@ import torch
 
 from fl3d.config import compose_config
 from fl3d.detectors.flops import layer_flops
-from fl3d.records import Stage
+from fl3d.records import Checkpoint, Stage, StagePaths
 from fl3d.sweep.cost import Costs, checkpoint_epochs, makespan
 from fl3d.sweep.plan import DataInfo, Plan
 from fl3d.sweep.planner import Planner
@@ -15,6 +15,8 @@ from fl3d.sweep.retention import kept_epochs
 from fl3d.sweep.sweepers.base import Point
 from fl3d.sweep.tree import plan_tree
 from fl3d.training.build import build_detector
+from fl3d.training.checkpoints import write_marker
+from fl3d.training.run import write_spec
 
 
 def stage(key: str, parent: str | None) -> Stage:
@@ -53,6 +55,29 @@ def test_flops_and_bytes_by_hand(tmp_path: Path) -> None:
     assert cost.weights_bytes == pytest.approx(3 * 3 * 4 * weights, rel=0.02)  # Adam keeps two moments
     assert not cost.is_measured
     assert cost.seconds > 0
+
+
+def test_a_second_network_is_guessed_by_how_slow_the_first_was(tmp_path: Path) -> None:
+    """PointRCNN's steps are mostly no layers' work: once the first stage was seen, the second's guess knows."""
+    config = compose_config(["profile=quick", "detector=pointrcnn"])
+    plan = Planner(config, DataInfo("digest", 400)).plan([Point((), config)])
+    rpn, rcnn = plan.stages.values()
+    costs = Costs(tmp_path, 300)
+    before = [costs.cost(one).seconds for one in (rpn, rcnn)]
+    paths = StagePaths(tmp_path / rpn.key)
+    write_spec(paths, rpn, {"val_ids": ["000000"] * 300})
+    every = rpn.config["schedule"]["checkpoint_every"]
+    steps = rpn.epoch_steps * every
+    flops = sum(layer_flops(lambda: build_detector(rpn.config)).values()) * rpn.config["schedule"]["batch_size"] * 3
+    seconds = {"training": 40 * steps * flops / costs.speed(), "detection": 3.0, "scoring": 0.0}  # 40 times as long
+    write_marker(paths, Checkpoint(rpn.key, steps, every, 1e-3, {}, seconds, "", ""))
+    costs.learn()
+    known, guessed = costs.cost(rpn), costs.cost(rcnn)
+    assert known.is_measured
+    assert not guessed.is_measured
+    assert guessed.seconds == pytest.approx(40 * before[1])
+    looks = len(checkpoint_epochs(rpn))
+    assert known.seconds == pytest.approx(rpn.steps * 40 * flops / costs.speed() + looks * 3.0)
 
 
 def test_stages_have_a_checkpoint_each_so_many_epochs_and_at_the_end() -> None:
