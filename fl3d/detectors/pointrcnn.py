@@ -7,7 +7,6 @@ frame is turned into the LiDAR's (its z is x here, its x is -y, its y is -z); th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import log, pi
 from typing import Any
 
@@ -22,119 +21,16 @@ from fl3d.data.voxels import Grid
 from fl3d.detectors.base import Batch, Detector, Found, Sample
 from fl3d.detectors.bins import BinCode
 from fl3d.detectors.blocks import join, join_ragged, sigmoid, top_scores
+from fl3d.detectors.point_nets import RCNN, RPN, Refinement, initialise, last_layer
 from fl3d.detectors.regions import centered, from_regions, pool, relative_to_regions
 from fl3d.detectors.rois import ProposalRule, RoiRule
-from fl3d.errors import ConfigError, options
 from fl3d.geometry.boxes import NEAR, Array, Points, owners, wrap
 from fl3d.losses import BalancedFocalLoss
-from fl3d.points.network import Backbone, Level, PointMLP, SetAbstraction
+from fl3d.points.network import Backbone, Level
 
 PRIOR = 0.01  # of foreground, at the start
 BACKGROUND, FOREGROUND, IGNORED = 0, 1, 2
-CLASSIFICATIONS = ("bce", "focal")
 DEPTH_SCALE = 70.0  # metres
-
-
-def head(c_in: int, widths: Sequence[int], c_out: int, norm: bool, dropout: float) -> nn.Sequential:
-    """Layers with dropout after the first, and a bare last one."""
-    first, *rest = widths
-    layers: list[nn.Module] = [PointMLP(c_in, [first], norm), nn.Dropout(dropout)]
-    if rest:
-        layers.append(PointMLP(first, rest, norm))
-    return nn.Sequential(*layers, nn.Linear(widths[-1], c_out))
-
-
-@dataclass(frozen=True)
-class Refinement:
-    """The second stage (§3.3, §3.4).
-
-    Args:
-        search: of the box code, metres.
-        bin: of the box code, metres.
-        yaw_bins: over 90 degrees; opposite headings are one.
-        points: of a region.
-        extra: metres that a region is enlarged by on each side.
-        mask: posterior above which a point is marked as foreground.
-        local: widths of the layers that bring a point's own features to those of the first stage.
-        merged: width of both together.
-        levels: of the set abstractions.
-        head: widths before the two outputs.
-        rois: what it learns from.
-        classification: ``focal``, under the trial's loss, or ``bce``.
-        scale: largest scaling of a region's points in training.
-    """
-
-    search: float
-    bin: float
-    yaw_bins: int
-    points: int
-    extra: float
-    mask: float
-    local: Sequence[int]
-    merged: int
-    levels: Sequence[Level]
-    head: Sequence[int]
-    rois: RoiRule
-    classification: str
-    scale: float
-
-    def __post_init__(self) -> None:
-        if self.classification not in CLASSIFICATIONS:
-            told = options(self.classification, CLASSIFICATIONS)
-            raise ConfigError(f"detector.rcnn.classification: no choice '{self.classification}'. {told}")
-
-
-class RPN(nn.Module):
-    """Foreground scores and boxes of all points.
-
-    Args:
-        backbone: features of points.
-        head_width: of the layer before each output.
-        code: of boxes.
-        dropout: after that layer.
-    """
-
-    def __init__(self, backbone: Backbone, head_width: int, code: BinCode, dropout: float) -> None:
-        super().__init__()
-        self.backbone = backbone
-        self.score = head(backbone.c_out, [head_width], 1, True, dropout)
-        self.box = head(backbone.c_out, [head_width], code.width, True, dropout)
-
-    def forward(self, points: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """(B, N, 3) -> logits (B, N), codes (B, N, R) and features (B, N, C)."""
-        features = self.backbone(points)
-        rows = features.flatten(0, 1)
-        logits, codes = self.score(rows), self.box(rows)
-        return logits.view(points.shape[:2]), codes.view(*points.shape[:2], -1), features
-
-
-class RCNN(nn.Module):
-    """Score and box of regions.
-
-    Args:
-        sizes: of its layers.
-        c_in: width of the first stage's features.
-        code: of boxes.
-    """
-
-    def __init__(self, sizes: Refinement, c_in: int, code: BinCode) -> None:
-        super().__init__()
-        self.local = PointMLP(5, sizes.local, norm=False)
-        self.merged = PointMLP(self.local.c_out + c_in, [sizes.merged], norm=False)
-        self.levels, width = nn.ModuleList(), sizes.merged
-        for level in sizes.levels:
-            self.levels.append(SetAbstraction(width, level, norm=False))
-            width = level.c_out
-        self.score = head(width, sizes.head, 1, False, 0.0)
-        self.box = head(width, sizes.head, code.width, False, 0.0)
-
-    def forward(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """(R, count, 3 + 2 + C): places, mark, depth, features -> logits (R,) and codes (R, width)."""
-        places, features = rows[..., :3], rows[..., 5:]
-        features = self.merged(torch.cat([self.local(rows[..., :5]), features], dim=-1))
-        for level in self.levels:
-            places, features = level(places, features)
-        return self.score(features[:, 0])[:, 0], self.box(features[:, 0])
 
 
 class PointRCNN(Detector):
@@ -185,15 +81,15 @@ class PointRCNN(Detector):
         self.code = BinCode(rpn["search"], rpn["bin"], int(rpn["yaw_bins"]), 2 * pi, size)
         backbone = Backbone([Level(**level) for level in levels], up)
         self.rpn = RPN(backbone, int(rpn["head"]), self.code, rpn["dropout"])
-        _start(self.rpn, nn.init.kaiming_normal_)
-        nn.init.constant_(_last(self.rpn.score).bias, -log((1 - PRIOR) / PRIOR))
+        initialise(self.rpn, nn.init.kaiming_normal_)
+        nn.init.constant_(last_layer(self.rpn.score).bias, -log((1 - PRIOR) / PRIOR))
         self.rcnn: RCNN | None = None
         if rcnn is not None:
             own = {"levels": [Level(**level) for level in rcnn["levels"]], "rois": RoiRule(**rcnn["rois"])}
             self.second = Refinement(**{**rcnn, **own})
             self.roi_code = BinCode(self.second.search, self.second.bin, self.second.yaw_bins, pi / 2, size)
             self.rcnn = RCNN(self.second, backbone.c_out, self.roi_code)
-            _start(self.rcnn, nn.init.xavier_normal_)
+            initialise(self.rcnn, nn.init.xavier_normal_)
             self.rpn.requires_grad_(False)
 
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
@@ -342,21 +238,3 @@ class PointRCNN(Detector):
     def example(self) -> Batch:
         """A frame of points."""
         return {"points": torch.zeros(1, self.n_points, 3)}
-
-
-def _start(network: nn.Module, initialise: object) -> None:
-    """Weights by a rule, zero biases, and boxes that start at almost nothing."""
-    assert callable(initialise)
-    for module in network.modules():
-        if isinstance(module, nn.Linear):
-            initialise(module.weight)
-            if module.bias is not None:
-                nn.init.zeros_(module.bias)
-    nn.init.normal_(_last(network.box).weight, std=0.001)
-
-
-def _last(layers: object) -> nn.Linear:
-    assert isinstance(layers, nn.Sequential)
-    last = layers[-1]
-    assert isinstance(last, nn.Linear)
-    return last

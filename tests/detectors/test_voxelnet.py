@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from fl3d.config import compose_config
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.anchors import Anchors, decode_boxes, encode_boxes
-from fl3d.detectors.voxelnet import FeatureNet, VoxelNet, max_per_voxel
+from fl3d.detectors.voxel_nets import FeatureNet, max_per_voxel
+from fl3d.detectors.voxelnet import VoxelNet
 from fl3d.errors import ConfigError
 from fl3d.geometry.boxes import rectangles_velo, standup
 from fl3d.geometry.iou import bev_iou, image_iou
