@@ -111,7 +111,7 @@ def detectors_table(scores: pd.DataFrame, notes: tuple[str, ...] = ()) -> Table:
         Column("source", ""),
         *(Column(f"{level}_{name}", name, head, True) for level, head in LEVELS.items() for name in METRICS),
     )
-    more = "bbox is of the boxes' projections here; the report's Frustum ConvNet writes its 2D detector's boxes."
+    more = "bbox: PointRCNN's are its boxes' projections, Frustum ConvNet's the 2D detector's boxes, as in the report."
     legend = "AP in percent; bold: the better of the two"
     return Table("R7", "PointRCNN and Frustum ConvNet", columns, tuple(rows), legend, (*notes, more))
 
