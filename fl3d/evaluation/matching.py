@@ -91,6 +91,45 @@ def _most_overlapping(
 
 
 @numba.njit(cache=True)
+def _count_at(
+    level: float,
+    gts: tuple[int, int],
+    dets: tuple[int, int],
+    pair_offsets: Int,
+    pair_detection: Int,
+    overlap: Float,
+    gt_flags: Flags,
+    det_flags: Flags,
+    det_scores: Float,
+    is_alarm: NDArray[np.bool_],
+    gt_alpha: Float,
+    det_alpha: Float,
+    taken: NDArray[np.bool_],
+    minimum: float,
+) -> tuple[int, int, float]:
+    """The second pass over a frame at one score: hits, false alarms and orientation similarity of the hits.
+
+    Each ground truth takes the detection of most overlap; ``taken`` is room for which they are.
+    """
+    taken[dets[0] : dets[1]] = False
+    tp, fp, similarity = 0, 0, 0.0
+    for g in range(gts[0], gts[1]):
+        if gt_flags[g] == -1:
+            continue
+        own = pair_detection[pair_offsets[g] : pair_offsets[g + 1]]
+        shared = overlap[pair_offsets[g] : pair_offsets[g + 1]]
+        best = _most_overlapping(own, shared, det_flags, det_scores, taken, level, minimum)
+        if best >= 0:
+            taken[best] = True
+            if gt_flags[g] == 0 and det_flags[best] == 0:
+                tp += 1
+                similarity += (1.0 + np.cos(gt_alpha[g] - det_alpha[best])) / 2.0
+    for d in range(dets[0], dets[1]):
+        fp += is_alarm[d] and det_scores[d] >= level and not taken[d]
+    return tp, fp, similarity
+
+
+@numba.njit(cache=True)
 def match_frames(
     gt_offsets: Int,
     det_offsets: Int,
@@ -129,6 +168,7 @@ def match_frames(
     tps, fps, similarities = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64), np.empty(size)
     taken = np.zeros(len(det_flags), dtype=np.bool_)
     touches = np.zeros(len(det_flags), dtype=np.bool_)
+    is_alarm = np.zeros(len(det_flags), dtype=np.bool_)  # unless it is taken
     n_hits = n = 0
     for frame in range(n_frames):
         g0, g1, d0, d1 = gt_offsets[frame], gt_offsets[frame + 1], det_offsets[frame], det_offsets[frame + 1]
@@ -155,26 +195,15 @@ def match_frames(
                 n += 1
         if n_touching == 0:
             continue
-        # Second pass, at each score of a touching detection: the one of most overlap is taken.
+        # Second pass, at each score of a touching detection.
         levels = np.unique(det_scores[d0:d1][touches[d0:d1]])[::-1]
         tp_before, fp_before, similarity_before = 0, 0, 0.0
+        is_alarm[d0:d1] = touches[d0:d1] & (det_flags[d0:d1] == 0) & ~excused[d0:d1]
         for level in levels:
-            taken[d0:d1] = False
-            tp, fp, similarity = 0, 0, 0.0
-            for g in range(g0, g1):
-                if gt_flags[g] == -1:
-                    continue
-                own = pair_detection[pair_offsets[g] : pair_offsets[g + 1]]
-                shared = overlap[pair_offsets[g] : pair_offsets[g + 1]]
-                best = _most_overlapping(own, shared, det_flags, det_scores, taken, level, minimum)
-                if best >= 0:
-                    taken[best] = True
-                    if gt_flags[g] == 0 and det_flags[best] == 0:
-                        tp += 1
-                        similarity += (1.0 + np.cos(gt_alpha[g] - det_alpha[best])) / 2.0
-            for d in range(d0, d1):
-                if touches[d] and det_flags[d] == 0 and det_scores[d] >= level and not taken[d] and not excused[d]:
-                    fp += 1
+            tp, fp, similarity = _count_at(
+                level, (g0, g1), (d0, d1), pair_offsets, pair_detection, overlap, gt_flags, det_flags, det_scores,
+                is_alarm, gt_alpha, det_alpha, taken, minimum,
+            )  # fmt: skip
             scores[n], frames[n] = level, frame
             tps[n], fps[n], similarities[n] = tp - tp_before, fp - fp_before, similarity - similarity_before
             n += 1
