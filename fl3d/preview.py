@@ -90,7 +90,7 @@ class _View:
         seconds = {key: self.costs[key].seconds * self.left[key] for key in todo}
         flops = sum(self.costs[key].flops * self.left[key] for key in todo)
         measured = all(self.costs[key].is_measured for key in todo)
-        guess = "guessed from the layers' dense FLOPs, which leave out all other work, until a stage is measured"
+        guess = "guessed from the layers' dense FLOPs, too short where other work counts, until a stage is measured"
         source = "from stages measured here" if measured else guess
         while_on, kept = sum(self.costs[key].bytes for key in todo), self._kept(todo, keep_every)
         detectors = _by_detector(self.plan)

@@ -33,8 +33,9 @@ class Jitter:
         depth: spread of the shift along the axis, as a share of the object's diagonal; normal.
         most: largest such shift, in the same unit, or in metres for refined boxes.
         flip: probability of left for right.
-        turn: of object and points about the vertical, degrees at most: the report's text has it, its code has not.
-        scale: of object and points, share at most: likewise.
+        turn: of object and points about the vertical through the frustum's origin, degrees at most: the report's text
+            has it, its code has not. It takes far objects off the axis: from 5 degrees on, many hold no reference point.
+        scale: of object and points, share at most: likewise in the text alone.
     """
 
     shift: float

@@ -55,7 +55,7 @@ class PointRCNN(Detector):
     VERSION = 2
     NAME = "PointRCNN"
     STAGES = ("rpn", "rcnn")
-    LEARNS_FROM = ("Car", "Van")  # as its code: vans' frames stay, though vans are not learnt
+    LEARNS_FROM = ("Car", "Van")  # as its code, whichever of them `targets` names
 
     def __init__(
         self,

@@ -12,16 +12,18 @@ from pathlib import Path
 
 import torch
 
+from fl3d.config import locate
 from fl3d.detectors.base import Detector
 from fl3d.detectors.flops import layer_flops
 from fl3d.digests import digest
+from fl3d.errors import ConfigError
 from fl3d.records import Config, Stage, StagePaths
 from fl3d.sweep.plan import Plan, longest_paths
 from fl3d.training.build import build_detector, build_optimizer
 from fl3d.training.checkpoints import read_marker
 
 BACKWARD = 2  # a backward pass costs twice a forward one
-BOX_BYTES = 30  # of a stored detection, compressed; as measured
+BOX_BYTES, IMAGE_BOX_BYTES = 30, 12  # of a stored detection, and of its own 2D box, compressed; as measured
 PURPOSES = ("training", "detection", "scoring")
 
 
@@ -91,7 +93,8 @@ class Costs:
         n_checkpoints = len(checkpoint_epochs(stage))
         trained, looked_at = stage.steps * batch * (1 + BACKWARD), n_checkpoints * self.n_val
         flops = network.flops * (trained + looked_at)
-        boxes = self.n_val * stage.config["detections"]["max_boxes"] * BOX_BYTES
+        box_bytes = BOX_BYTES + IMAGE_BOX_BYTES * locate(network.target, "detector._target_").IMAGE_BOXES
+        boxes = self.n_val * stage.config["detections"]["max_boxes"] * box_bytes
         known = self._known_rate(stage)
         if known is not None:
             step, frame = known
@@ -135,6 +138,10 @@ class Costs:
 
     def _slowness(self, target: str) -> float:
         """How much longer than their FLOPs say a detector's other networks took a step; 1: none was seen."""
+        for stage, _ in self._stages.values():
+            if stage.config["detector"]["_target_"] == target:
+                with contextlib.suppress(ConfigError):  # an older version's
+                    self._network(stage)
         found = [
             statistics.median(step for step, _ in rates) * self.speed() / self._networks[kind].step_flops
             for (kind, _), rates in self._rates.items()

@@ -294,10 +294,13 @@ def detect_frames(
             started = time.monotonic()
             after_batch()
     counts = [len(f.scores) for f in found]
+    images = [f.boxes_image for f in found if f.boxes_image is not None]
+    if images and sum(map(len, images)) != sum(counts):
+        raise TrainingError(f"{detector.NAME}: boxes of some frames have 2D boxes of their own, of others none")
     return Detections(
         frames.ids,
         np.repeat(np.arange(len(found)), counts),
         np.concatenate([f.boxes_velo for f in found]),
         np.concatenate([f.scores for f in found]),
-        np.concatenate(images) if (images := [f.boxes_image for f in found if f.boxes_image is not None]) else None,
+        np.concatenate(images) if images else None,
     )

@@ -3,17 +3,21 @@
 from dataclasses import replace
 from math import pi, radians
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
 from fl3d.config import compose_config
+from fl3d.data.dataset import Frames
 from fl3d.data.image_boxes import read_image_boxes
 from fl3d.data.kitti import Frame, KittiFolder
 from fl3d.data.projection import project_boxes
+from fl3d.detectors.base import Found
 from fl3d.detectors.fconvnet import FConvNet
-from fl3d.detectors.frustum_samples import Jitter
+from fl3d.detectors.frustum_net import FrustumNet
+from fl3d.detectors.frustum_samples import BoxView, FrustumView, Jitter
 from fl3d.detectors.frustums import (
     enlarged,
     jittered,
@@ -21,14 +25,19 @@ from fl3d.detectors.frustums import (
     moved,
     rays,
     sampled,
+    suppressed,
     turned,
 )
 from fl3d.detectors.multibin import MultiBin, corner_distance
 from fl3d.detectors.regions import centered, turned_back
 from fl3d.errors import DataError
+from fl3d.evaluation.protocol import Protocol
+from fl3d.geometry.boxes import points_inside
 from fl3d.geometry.iou import bev_and_3d_iou_velo
 from fl3d.points.slabs import SlabNet, Slabs, resolutions
+from fl3d.predict import _look
 from fl3d.training.build import build_detector
+from fl3d.training.trainer import detect_frames
 
 SIZES = ((1.5, 1.6, 3.9), (1.8, 0.7, 0.8), (1.7, 0.6, 1.8))
 CODE = MultiBin(SIZES, 12, {"yaw_bin": 1.0, "yaw": 20.0, "size": 20.0, "corner": 10.0})
@@ -177,21 +186,105 @@ def test_samples_turn_and_grow_with_their_objects() -> None:
         np.testing.assert_allclose(np.linalg.norm(changed[:3]), factor * np.linalg.norm(box[:3]))
 
 
-def test_boxes_bring_the_2d_boxes_they_came_of(simulated: Path, frame: Frame) -> None:
+def frustum_nets_that_say_their_axis(detector: FConvNet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small boxes in the middle of each 2D box, 20 m away; the second stage leaves them where they are."""
+    rng = np.random.default_rng(5)
+
+    def find(network: FrustumNet, points: torch.Tensor, slope: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        boxes = torch.tensor([[0.0, 0, 0, 0.5, 0.1, 0.1, 0]]).repeat(len(points), 1)
+        if network is detector.frustum:
+            boxes[:, 0], boxes[:, 2] = 20.0, 20.0 * slope
+        return boxes, torch.from_numpy(rng.uniform(0.1, 0.9, len(points))), torch.arange(len(points))
+
+    monkeypatch.setattr(detector, "_find", find)
+    if detector.refine is not None:  # every second box has points
+        n = detector.second_view.points
+        rows = lambda boxes: np.zeros((len(boxes[1::2]), n, 3), np.float32)  # noqa: E731
+        look = lambda points, boxes: (rows(boxes), list(range(1, len(boxes), 2)))  # noqa: E731
+        monkeypatch.setattr(detector, "second_view", SimpleNamespace(look=look))
+
+
+@pytest.mark.parametrize("stages", [1, 2])
+@pytest.mark.parametrize("batch_size", [1, 3])
+def test_each_box_brings_the_2d_box_it_came_of(
+    simulated: Path, monkeypatch: pytest.MonkeyPatch, stages: int, batch_size: int
+) -> None:
+    config = compose_config(["detector=fconvnet", "profile=quick"])
+    if stages == 1:
+        config["detector"]["refine"] = None
+    detector = build_detector(config).eval()
+    assert isinstance(detector, FConvNet)
+    frustum_nets_that_say_their_axis(detector, monkeypatch)
+    folder = KittiFolder(simulated)
+    frames = Frames(folder, folder.split("val"), 10)
+    rng = np.random.default_rng(2)
+    for index in range(len(frames)):  # six boxes of different sizes about points of each frame; none in the second
+        one = frames[index]
+        chosen = rng.choice(one.points_velo[one.points_velo[:, 0] > 5, :3].astype(float), 0 if index == 1 else 6)
+        pixels, _ = one.calibration.points_to_image(one.calibration.points_to_cam(chosen))
+        half = rng.uniform(20, 40, pixels.shape)
+        drawn = np.column_stack([pixels - half, pixels + half, rng.uniform(0.1, 0.9, len(half))])
+        frames._cache[one.id] = replace(one, image_boxes=drawn)
+    found = detect_frames(detector, frames, 300, 0.0, batch_size=batch_size)
+    assert len(found.of(1)[0]) == 0
+    assert len(found.scores) >= 9
+    for index, frame_id in enumerate(found.frame_ids):
+        boxes, scores, images = found.of(index)
+        assert images is not None
+        assert (np.diff(scores) <= 0).all()
+        calibration = folder.read_calibration(frame_id)
+        middles = calibration.points_to_cam(boxes[:, :3] + np.array([[0, 0, 0.25]]))
+        seen, _ = calibration.points_to_image(middles)
+        np.testing.assert_allclose(seen, (images[:, :2] + images[:, 2:]) / 2, atol=0.05)
+
+
+def test_a_prediction_has_the_2d_detectors_boxes(simulated: Path, frame: Frame) -> None:
     torch.manual_seed(0)
-    for refine in (False, True):
-        config = compose_config(["detector=fconvnet", "profile=quick"])
-        if not refine:
-            config["detector"]["refine"] = None
-        detector = build_detector(config).eval()
-        seen = KittiFolder(simulated).frame(frame.id)
-        assert seen.image_boxes is not None
-        batch = detector.collate([detector.encode(seen, np.random.default_rng(0), training=False)])
-        (found,) = detector.detect(batch, 300, 0.0)
-        assert found.boxes_image is not None
-        assert len(found.boxes_image) == len(found.boxes_velo) > 0
-        clipped = np.clip(seen.image_boxes[:, :4], 0, np.array([seen.image_size] * 2).ravel() - 1.0)
-        assert all((np.abs(clipped - box).max(axis=1) < 1e-3).any() for box in found.boxes_image)
+    config = compose_config(["detector=fconvnet", "profile=quick"])
+    seen, protocol = KittiFolder(simulated).frame(frame.id), Protocol(**{**config["protocol"], "score_threshold": 0.0})
+    labels = _look(build_detector(config).eval(), seen, config, "cpu", protocol)
+    assert seen.image_boxes is not None
+    clipped = np.clip(seen.image_boxes[:, :4], 0, np.array([seen.image_size] * 2).ravel() - 1.0)
+    assert len(labels) > 0
+    assert all((np.abs(clipped - box).max(axis=1) < 1e-3).any() for box in labels.boxes_image)
+
+
+def test_between_the_stages_boxes_are_suppressed_in_3d() -> None:
+    boxes = np.array(
+        [[20.0, 0, -1.7, 1.5, 1.6, 4, 0], [20.0, 0, -0.1, 1.5, 1.6, 4, 0], [20.2, 0, -1.7, 1.5, 1.6, 4, 0]]
+    )
+    kept = suppressed(Found(boxes, np.array([0.9, 0.8, 0.7]), np.arange(12.0).reshape(3, 4)), 9)
+    assert kept.scores.tolist() == [0.9, 0.8]
+    assert kept.boxes_image is not None
+    assert kept.boxes_image[:, 0].tolist() == [0, 4]
+
+
+@pytest.mark.parametrize("stage", ["frustum", "refine"])
+def test_a_samples_points_move_with_its_object(frame: Frame, stage: str) -> None:
+    """Flipped, turned, scaled and shifted, each point lies in its object's frame where it lies in the cloud."""
+    still = Jitter(shift=0, size=0, yaw=0, depth=0, most=0, flip=0, turn=0, scale=0)
+    rule = replace(still, depth=0.3, most=0.4, flip=1.0, turn=4.0, scale=0.1)
+    is_car = frame.labels.types == "Car"
+    cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[is_car])
+    held = points_inside(frame.points_velo, cars).sum(axis=1)
+    own, image = cars[[held.argmax()]], frame.labels.boxes_image[is_car][[held.argmax()]]
+
+    def sample(jitter: Jitter) -> tuple[np.ndarray, np.ndarray]:
+        rng = np.random.default_rng(1)
+        if stage == "frustum":
+            found = FrustumView((0.0, 70.0), 2.0, 64, jitter).learn(frame, image, own, rng)
+        else:
+            found = BoxView(1.2, 2.0, 64, jitter).learn(frame, own, rng)
+        return found["points"][0].astype(float), found["boxes"][0].astype(float)
+
+    cloud = turned(frame.points_velo[:, :3].astype(float) - own[0, :3], -own[0, 6])
+    plain, (points, box) = sample(still)[1], sample(rule)
+    assert np.abs(plain - box)[[0, 6]].min() > 1e-3
+    factor = box[5] / own[0, 5]
+    assert abs(factor - 1) > 1e-3
+    seen = turned(points - box[:3], -box[6]) / factor * [1, -1, 1]  # flipped
+    nearest = np.linalg.norm(cloud[:, None] - seen[None], axis=2).min(axis=0)
+    assert nearest.max() < 2e-4
 
 
 def test_training_frustums_hold_their_objects(detector: FConvNet, frame: Frame) -> None:

@@ -71,6 +71,9 @@ def test_a_second_network_is_guessed_by_how_slow_the_first_was(tmp_path: Path) -
     flops = sum(layer_flops(lambda: build_detector(rpn.config)).values()) * rpn.config["schedule"]["batch_size"] * 3
     seconds = {"training": 40 * steps * flops / costs.speed(), "detection": 3.0, "scoring": 0.0}  # 40 times as long
     write_marker(paths, Checkpoint(rpn.key, steps, every, 1e-3, {}, seconds, "", ""))
+    fresh = Costs(tmp_path, 300)  # asked for the second alone, as a resumed sweep does
+    fresh.learn()
+    assert fresh.cost(rcnn).seconds == pytest.approx(40 * before[1])
     costs.learn()
     known, guessed = costs.cost(rpn), costs.cost(rcnn)
     assert known.is_measured
