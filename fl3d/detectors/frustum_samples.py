@@ -34,7 +34,7 @@ class Jitter:
         most: largest such shift, in the same unit, or in metres for refined boxes.
         flip: probability of left for right.
         turn: of object and points about the vertical through the frustum's origin, degrees at most: the report's text
-            has it, its code has not. It takes far objects off the axis: from 5 degrees on, many hold no reference point.
+            has it, its code has not. It takes far objects off the axis: from 5 degrees on many hold no place.
         scale: of object and points, share at most: likewise in the text alone.
     """
 
