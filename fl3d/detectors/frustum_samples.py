@@ -128,7 +128,8 @@ class _Seen:
         self.boxes = np.clip(boxes_image, 0, np.array([width - 1, height - 1] * 2))
         points_velo = cloud_velo(frame, nearest).astype(np.float64)
         pixels, depth = frame.calibration.points_to_image(frame.calibration.points_to_cam(points_velo))
-        self._points_velo, self._pixels = points_velo[depth > 0], pixels[depth > 0]
+        self._points_velo = points_velo[depth > 0]
+        self._columns, self._rows = np.ascontiguousarray(pixels[depth > 0].T)
         self.origin, directions = rays(frame.calibration, (self.boxes[:, :2] + self.boxes[:, 2:]) / 2)
         self.angle = np.arctan2(directions[:, 1], directions[:, 0])
         self.slope = directions[:, 2] / np.hypot(directions[:, 0], directions[:, 1])
@@ -137,7 +138,8 @@ class _Seen:
         """Index of each 2D box that is large enough and holds points, and these points in its frustum's frame."""
         found = []
         for k, box in enumerate(self.boxes):
-            inside = ((self._pixels >= box[:2]) & (self._pixels <= box[2:])).all(axis=1)
+            inside = (self._columns >= box[0]) & (self._columns <= box[2])
+            inside &= (self._rows >= box[1]) & (self._rows <= box[3])
             is_large = box[3] - box[1] >= LEAST_HEIGHT and box[2] - box[0] >= LEAST_WIDTH
             if is_large and inside.any():
                 found.append((k, turned(self._points_velo[inside] - self.origin, -self.angle[k])))
