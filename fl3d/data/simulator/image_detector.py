@@ -12,6 +12,7 @@ import numpy as np
 
 from fl3d.data.labels import Labels
 from fl3d.data.simulator.solids import Float
+from fl3d.geometry.iou import image_iou
 
 NUMBERS = {"Pedestrian": 1, "Car": 2, "Cyclist": 3}  # as the files name classes
 LOWEST_SCORE = 0.01
@@ -208,15 +209,7 @@ def _false_box(model: Model, image_size: tuple[int, int], rng: np.random.Generat
 def _suppress(found: list[tuple[str, float, Float]]) -> list[tuple[str, float, Float]]:
     kept: list[tuple[str, float, Float]] = []
     for kind, score, box in sorted(found, key=lambda one: -one[1]):
-        if all(kind != other or _overlap(box, better) <= SUPPRESSED for other, _, better in kept):
+        better = [other for own, _, other in kept if own == kind]
+        if not better or image_iou(box[None], np.array(better)).max() <= SUPPRESSED:
             kept.append((kind, score, box))
     return kept
-
-
-def _overlap(a: Float, b: Float) -> float:
-    width = min(a[2], b[2]) - max(a[0], b[0])
-    height = min(a[3], b[3]) - max(a[1], b[1])
-    if width <= 0 or height <= 0:
-        return 0.0
-    inner = width * height
-    return float(inner / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - inner))
