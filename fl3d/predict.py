@@ -23,7 +23,7 @@ from fl3d.files import write_atomically
 from fl3d.records import Config, Stage, StagePaths
 from fl3d.reports.figures.boxes import Scene, figure_1
 from fl3d.training.build import build_detector
-from fl3d.training.checkpoints import load_state
+from fl3d.training.checkpoints import load_state, read_marker
 from fl3d.training.precision import multiplying
 from fl3d.training.reproducibility import prepare
 from fl3d.training.trainer import to_device
@@ -59,7 +59,7 @@ def predict(
         the result files.
 
     Raises:
-        CheckpointError: no checkpoint there.
+        CheckpointError: no checkpoint there, or one of a version whose network this one does not build.
         DataError: no clouds there, or one cannot be read.
         ConfigError: a device that is not there.
     """
@@ -72,8 +72,7 @@ def predict(
     protocol = Protocol(**{**spec["machine"]["protocol"], "score_threshold": score, "image_box": "clipped"})
     precision = stage.config.get("precision", "float32")
     prepare(stage.config["seed"], device, precision)
-    detector = build_detector(stage.config).to(device).eval()
-    detector.load_state_dict(load_state(paths.weights(step))["model"])
+    detector = _network(stage, paths, step).to(device).eval()
     say(f"{type(detector).NAME}, {paths.folder.name}, step {step}: {len(found)} clouds into {out}")
     written, without = [], 0
     for cloud in tqdm(found, unit="cloud", disable=None):
@@ -91,6 +90,18 @@ def predict(
         used = calibration or "the mean of KITTI's training set"
         say(f"{without} clouds have no calibration of their own: {used} was taken for them")
     return written
+
+
+def _network(stage: Stage, paths: StagePaths, step: int) -> Detector:
+    try:
+        detector = build_detector(stage.config)
+        detector.load_state_dict(load_state(paths.weights(step))["model"])
+    except (ConfigError, RuntimeError) as error:
+        commit = read_marker(paths, step).made_by.get("mlflow.source.git.commit", "unknown")
+        raise CheckpointError(
+            f"{paths.weights(step)}: made by another version of fl3d (commit {commit[:10]}), whose network differs: {error}"
+        ) from None
+    return detector
 
 
 def _checkpoint(path: Path) -> tuple[StagePaths, int]:

@@ -1,5 +1,6 @@
 """Predictions from a checkpoint: on KITTI folders and on bare clouds; and what is refused."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -66,3 +67,16 @@ def test_what_is_not_there_is_refused(stage: Path, simulated: Path, tmp_path: Pa
         predict(stage / "checkpoints" / "00000001.pt", simulated, tmp_path / "out")
     with pytest.raises(DataError, match=r"no cloud \(\*\.bin\)"):
         predict(stage, tmp_path, tmp_path / "out")
+
+
+@pytest.mark.parametrize("change", [{"wings": 2}, {"rpn": [8, 16, 32]}])
+def test_a_checkpoint_of_another_version_says_of_which(
+    stage: Path, simulated: Path, tmp_path: Path, change: dict[str, object]
+) -> None:
+    old = StagePaths(shutil.copytree(stage, tmp_path / "old"))
+    spec = json.loads(old.spec.read_text())
+    spec["stage"]["config"]["detector"] |= change
+    old.spec.write_text(json.dumps(spec))
+    with pytest.raises(CheckpointError, match=r"\.pt: made by another version of fl3d \(commit .*\), whose network"):
+        predict(old.folder, simulated, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
