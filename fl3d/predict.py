@@ -99,7 +99,7 @@ def _network(stage: Stage, paths: StagePaths, step: int) -> Detector:
     except (ConfigError, RuntimeError) as error:
         commit = read_marker(paths, step).made_by.get("mlflow.source.git.commit", "unknown")
         raise CheckpointError(
-            f"{paths.weights(step)}: made by another version of fl3d (commit {commit[:10]}), whose network differs: {error}"
+            f"{paths.weights(step)}: made by another version of fl3d ({commit[:10]}), whose network differs: {error}"
         ) from None
     return detector
 
