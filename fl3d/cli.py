@@ -102,7 +102,7 @@ def plan(arguments: list[str]) -> None:
     """Show what a sweep would do: stages and what they share, what is done, time, FLOPs and disk. Trains nothing."""
     parser = _parser("plan", plan.__doc__)
     parser.add_argument("overrides", nargs="*", help="as for -m, such as +sweep=gamma profile=paper data=kitti")
-    overrides = parser.parse_args(arguments).overrides
+    overrides = parser.parse_intermixed_args(arguments).overrides
     from fl3d.config import multirun
     from fl3d.preview import preview
     from fl3d.sweep.winners import with_winners
@@ -119,7 +119,7 @@ def tables(arguments: list[str]) -> None:
     parser.add_argument(
         "overrides", nargs="*", help="as for training, such as +sweep=gamma profile=quick data=kitti_sample"
     )
-    overrides = parser.parse_args(arguments).overrides
+    overrides = parser.parse_intermixed_args(arguments).overrides
     from fl3d.paper.tables import write_all_tables
 
     write_all_tables(overrides)
@@ -132,7 +132,7 @@ def figures(arguments: list[str]) -> None:
     """
     parser = _parser("figures", figures.__doc__)
     parser.add_argument("overrides", nargs="*", help="as for training, such as profile=quick data=kitti_sample")
-    overrides = parser.parse_args(arguments).overrides
+    overrides = parser.parse_intermixed_args(arguments).overrides
     from fl3d.paper.figures import write_figures
 
     write_figures(overrides)
@@ -142,7 +142,7 @@ def report(arguments: list[str]) -> None:
     """Make tables, figures, claims and one page of them (report.html) of a sweep over gamma; trains nothing."""
     parser = _parser("report", report.__doc__)
     parser.add_argument("overrides", nargs="*", help="as for training, such as profile=quick data=kitti_sample")
-    overrides = parser.parse_args(arguments).overrides
+    overrides = parser.parse_intermixed_args(arguments).overrides
     from fl3d.paper.page import write_page
 
     write_page(overrides)
@@ -151,12 +151,12 @@ def report(arguments: list[str]) -> None:
 def rescore(arguments: list[str]) -> None:
     """Score a sweep's stored detections again under other protocol values; no network is run.
 
-    Values with commas are compared: score_threshold=0,0.5,0.8,0.9 or nms_iou=0.1,0.5 nms_kind=standup,rotated.
+    Values with commas are compared: score_threshold=0,0.5,0.8,0.9 or nms_iou=0.1,0.5 nms_kind=standup,rotated,3d.
     """
     parser = _parser("rescore", rescore.__doc__)
     parser.add_argument("overrides", nargs="+", help="+sweep=NAME data=... profile=..., and KEY=VALUES of the protocol")
     parser.add_argument("--metric", default="3d/moderate", help="of the printed table (default: 3d/moderate, R11)")
-    options = parser.parse_args(arguments)
+    options = parser.parse_intermixed_args(arguments)
     from fl3d.rescore import KEYS, rescore_and_write
     from fl3d.sweep.sweepers.grid import values_of
 
@@ -178,7 +178,7 @@ def gains(arguments: list[str]) -> None:
     parser.add_argument("overrides", nargs="+", help="as for training, such as +sweep=gamma data=... profile=...")
     parser.add_argument("--metric", default="3d/moderate", help="of the printed table (default: 3d/moderate)")
     parser.add_argument("--average", default="R40", choices=("R11", "R40"), help="of the printed table (default: R40)")
-    options = parser.parse_args(arguments)
+    options = parser.parse_intermixed_args(arguments)
     from fl3d.gains import gains_and_write
 
     gains_and_write(compose_config(options.overrides), options.metric, options.average)
@@ -193,7 +193,7 @@ def why(arguments: list[str]) -> None:
     parser = _parser("why", why.__doc__)
     parser.add_argument("table", metavar="TABLE")
     parser.add_argument("rest", nargs="+", metavar="KEY=VALUE|METRIC", help="row, metric and sweep, in any order")
-    given = parser.parse_args(arguments)
+    given = parser.parse_intermixed_args(arguments)
     from fl3d.evidence import why as trace
 
     metrics = [one for one in given.rest if "=" not in one]
@@ -214,7 +214,7 @@ def verify(arguments: list[str]) -> None:
     parser = _parser("verify", verify.__doc__)
     parser.add_argument("overrides", nargs="*", help="as for tables, such as +sweep=gamma profile=quick")
     parser.add_argument("--from-weights", action="store_true", help="run the networks too, where weights were kept")
-    given = parser.parse_args(arguments)
+    given = parser.parse_intermixed_args(arguments)
     from fl3d.evidence import verify as check
 
     check(compose_config(given.overrides or ["+sweep=gamma"]), given.from_weights)

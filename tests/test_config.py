@@ -130,6 +130,7 @@ def test_help_teaches() -> None:
         (["-m", "detector=fcn3d,voxelnet", "detector.x_shift=0.1"], "x_shift"),
         (["stage", "runs/stages/typo"], "no such file"),
         (["data=kitti"], "data.root=FOLDER"),
+        (["verify", "+sweep=gamma", "--from-weights", "store.root=/nowhere"], "run the sweep first"),
     ],
     ids=" ".join,
 )
