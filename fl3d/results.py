@@ -130,11 +130,12 @@ def _notes(config: Config) -> tuple[str, ...]:
 
 
 def summary(scores: pd.DataFrame, labels: dict[str, str], stages: str) -> str:
-    """Last and best model of each trial, as Markdown."""
-    head = ["trial", "model", "step", *AP_COLUMNS]
+    """Last and best model of each trial, in the order of the labels, as Markdown."""
+    head, order = ["trial", "model", "step", *AP_COLUMNS], {trial: place for place, trial in enumerate(labels)}
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * 2 + "---:|" * 7]
     for rule in ("last", "best"):
-        for _, row in select(scores, rule, stages).iterrows():
+        chosen = select(scores, rule, stages).sort_values("trial", key=lambda trials: trials.map(order), kind="stable")
+        for _, row in chosen.iterrows():
             aps = [f"{row[metric]:.2f}" for metric in AP_COLUMNS.values()]
             lines.append("| " + " | ".join([labels[row["trial"]] or row["trial"], rule, str(row["step"]), *aps]) + " |")
     return "\n" + "\n".join(lines)
