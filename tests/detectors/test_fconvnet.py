@@ -197,11 +197,15 @@ def frustum_nets_that_say_their_axis(detector: FConvNet, monkeypatch: pytest.Mon
         return boxes, torch.from_numpy(rng.uniform(0.1, 0.9, len(points))), torch.arange(len(points))
 
     monkeypatch.setattr(detector, "_find", find)
-    if detector.refine is not None:  # every second box has points
-        n = detector.second_view.points
-        rows = lambda boxes: np.zeros((len(boxes[1::2]), n, 3), np.float32)  # noqa: E731
-        look = lambda points, boxes: (rows(boxes), list(range(1, len(boxes), 2)))  # noqa: E731
-        monkeypatch.setattr(detector, "second_view", SimpleNamespace(look=look))
+    if detector.refine is None:
+        return
+    count = detector.second_view.points
+
+    def look(points_velo: np.ndarray, boxes_velo: np.ndarray) -> tuple[np.ndarray, list[int]]:
+        kept = list(range(1, len(boxes_velo), 2))  # every second box holds points
+        return np.zeros((len(kept), count, 3), np.float32), kept
+
+    monkeypatch.setattr(detector, "second_view", SimpleNamespace(look=look))
 
 
 @pytest.mark.parametrize("stages", [1, 2])
