@@ -38,15 +38,19 @@ def with_winners(multirun: Multirun, say: Callable[[str], None] = print) -> Mult
         seen.append(before)
         places = [a for a in multirun.arguments if a.lstrip("+").partition("=")[0].partition(".")[0] in PLACES]
         config = compose_config([*places, f"+sweep={before}"])
-        won, value = winner(config)
+        won, value = winner(config, say)
         won = [override for override in won if override.partition("=")[0] not in own]  # what is swept now is open
         say(f"Keeps {' '.join(won) or 'nothing'}, which won {before} ({config['sweep']['winner']} {value:.4g}).")
         kept = [*won, *kept]
     return replace(multirun, arguments=[*kept, *multirun.arguments])
 
 
-def winner(config: Config) -> tuple[list[str], float]:
+def winner(config: Config, say: Callable[[str], None] = print) -> tuple[list[str], float]:
     """The overrides of a sweep's best trial by its ``sweep.winner``, last checkpoints, seeds averaged; and the value.
+
+    Args:
+        config: of the sweep.
+        say: tells where the scores come from, if not from the store.
 
     Raises:
         ConfigError: the sweep names no such metric.
@@ -56,7 +60,7 @@ def winner(config: Config) -> tuple[list[str], float]:
     if sweep["winner"] is None:
         raise ConfigError(f"sweep {sweep['name']}: sweep.winner is not set, so that none can go on from it")
     try:
-        scores = scores_of(config)
+        scores = scores_of(config, say)
     except StoreError as error:
         raise StoreError(f"a sweep goes on from the winner of {called.experiment}; run that first ({error})") from None
     metrics = [str(column) for column in scores if "/" in str(column)]

@@ -89,7 +89,10 @@ def test_swept_seeds_and_what_is_kept_are_told(tmp_path: Path) -> None:
     found = arguments(tmp_path, "pointrcnn_alpha", "seed=0,1", said=said)
     assert found[0] == f"{BATCH}=16"
     assert found[-1] == "seed=0,1"
-    assert said == [f"Keeps {BATCH}=16, which won pointrcnn_batch (recall_3d/0.7 0.3)."]
+    source, kept = said
+    assert source.startswith("From ")  # a file of scores, not the store
+    assert "scores/pointrcnn_batch.csv" in source
+    assert kept == f"Keeps {BATCH}=16, which won pointrcnn_batch (recall_3d/0.7 0.3)."
 
 
 def test_an_unfinished_sweep_has_no_winner_yet(tmp_path: Path) -> None:
