@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -82,3 +82,31 @@ def result_config(config: Config) -> Config:
                 node = node.setdefault(part, {})
             node[last] = value
     return kept
+
+
+def stable_name(target: str) -> str:
+    """What identity calls a class: its package and its name, whatever module it lies in: ``fl3d:VoxelNet``."""
+    package = target.partition(".")[0]
+    return f"{package}:{target.rpartition('.')[2]}"
+
+
+def with_stable_names(value: Any) -> Any:
+    """A config whose ``_target_`` are stable names, so that a class that moves within its package retrains nothing."""
+    if isinstance(value, Mapping):
+        return {key: stable_name(item) if key == "_target_" else with_stable_names(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [with_stable_names(item) for item in value]
+    return value
+
+
+def targets(value: Any) -> Iterator[str]:
+    """Every ``_target_`` in a config."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            if key == "_target_":
+                yield str(item)
+            else:
+                yield from targets(item)
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        for item in value:
+            yield from targets(item)

@@ -11,7 +11,10 @@ from typing import Any
 from fl3d.digests import digest
 from fl3d.errors import ConfigError, options
 from fl3d.records import Config, Stage, Trial
-from fl3d.sweep.identity import result_config
+from fl3d.sweep.identity import result_config, stable_name, targets, with_stable_names
+
+# Raised when the same stage gets another key. 2: classes are hashed by stable names, not by import paths.
+KEY_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -78,8 +81,9 @@ def make_plan(
         known_stages: stages that each detector offers, by ``_target_``.
 
     Raises:
-        ConfigError: a schedule names a stage that the detector does not offer.
+        ConfigError: a schedule names a stage that the detector does not offer, or two classes share a stable name.
     """
+    _check_names([config for _, config in configs])
     stages: dict[str, Stage] = {}
     trials: dict[str, Trial] = {}
     for overrides, config in configs:
@@ -114,6 +118,16 @@ def trial_stages(
     return chain
 
 
+def _check_names(configs: Sequence[Config]) -> None:
+    """Refuse two classes that identity could not tell apart."""
+    seen: dict[str, str] = {}
+    for config in configs:
+        for target in targets(result_config(config)):
+            other = seen.setdefault(stable_name(target), target)
+            if other != target:
+                raise ConfigError(f"_target_: {other} and {target} have one name and one package; rename one of them")
+
+
 def _check_counts(schedule: Mapping[str, Any]) -> None:
     """Refuse counts below one."""
     counts = {key: schedule[key] for key in ("batch_size", "checkpoint_every", "frames_per_epoch")}
@@ -143,7 +157,8 @@ def stage_key(config: Config, name: str, parent: Stage | None, data: DataInfo, v
     """Readable identity: detector, stage, and a hash of the config, the parent, the data and the versions."""
     target = config["detector"]["_target_"]
     content: dict[str, Any] = {
-        "config": config,
+        "keys": KEY_VERSION,
+        "config": with_stable_names(config),
         "parent": parent.key if parent else None,
         "data": data.digest,
         "versions": [versions["trainer"], versions[target]],

@@ -88,6 +88,29 @@ def test_data_and_versions_change_the_key() -> None:
     assert plan_of(config(), versions=VERSIONS | {FCN: 2}).trials[0].key == base
 
 
+def test_a_class_that_moves_within_its_package_keeps_its_key() -> None:
+    """Identity knows a class by its package and name, not by the module it lies in."""
+    moved = copy.deepcopy(config())
+    moved["loss"]["_target_"] = "fl3d.somewhere.else.DetectionLoss"
+    moved["optimizer"]["_target_"] = "torch.optim.adam.Adam"
+    moved["detector"]["targets"]["_target_"] = "fl3d.data.rules.TargetRule"
+    assert plan_of(moved).trials[0].key == plan_of(config()).trials[0].key
+
+
+@pytest.mark.parametrize("target", ["mylab.losses.DetectionLoss", "fl3d.losses.BalancedFocalLoss"])
+def test_another_class_has_another_key(target: str) -> None:
+    other = copy.deepcopy(config())
+    other["loss"]["_target_"] = target
+    assert plan_of(other).trials[0].key != plan_of(config()).trials[0].key
+
+
+def test_two_classes_of_one_name_in_one_package_are_refused() -> None:
+    other = copy.deepcopy(config())
+    other["loss"]["_target_"] = "fl3d.experimental.DetectionLoss"
+    with pytest.raises(ConfigError, match=r"fl3d.losses.DetectionLoss and fl3d.experimental.DetectionLoss"):
+        plan_of(config(), other)
+
+
 def test_a_stage_may_have_its_own_batch_size() -> None:
     """Steps of the ancestors are counted in the ancestors' batches."""
     changed = copy.deepcopy(config())
