@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 Config = dict[str, Any]
@@ -18,7 +17,7 @@ class Stage:
         key: readable identity, ``voxelnet-warmup-3fa9c1d2``: detector, stage, hash of all that can change it.
         name: of the stage, such as ``warmup``.
         config: what is trained, resolved; only keys that can change a result.
-        parent: key of the stage it goes on from, or None.
+        parent: key of the stage it resumes from, or None.
         start_epoch: epochs trained before it by its ancestors.
         start_step: optimiser steps trained before it by its ancestors.
         epochs: of its own.
@@ -44,22 +43,53 @@ class Stage:
         """Step of its last checkpoint."""
         return self.start_step + self.steps
 
+    @property
+    def target(self) -> str:
+        """Import path of its detector's class."""
+        return str(self.config["detector"]["_target_"])
 
-@dataclass(frozen=True)
+    @property
+    def class_name(self) -> str:
+        """Name of its detector's class."""
+        return self.target.rpartition(".")[2]
+
+    def own_epoch(self, step: int) -> int:
+        """Epochs of its own that a checkpoint at a step has behind it."""
+        return (step - self.start_step) // self.epoch_steps
+
+
+@dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One point of a sweep.
+    """One point of a sweep, and its place in the sweep's design.
 
     Args:
         key: of its last stage, which is its identity.
         overrides: what makes it differ from the other trials, as the user wrote it.
+        values: swept values by key, as data.
         config: fully resolved.
         stages: keys, first to last.
+        first_own_step: step at which its last stage begins.
+        detector: as the papers write it.
+        group: label of what it shares with the trials that it is compared with.
+        level: label of its value of the factor.
+        seed: of its training.
     """
 
     key: str
     overrides: tuple[str, ...]
+    values: Mapping[str, Any]
     config: Config
     stages: tuple[str, ...]
+    first_own_step: int
+    detector: str
+    group: str
+    level: str
+    seed: int
+
+    @property
+    def label(self) -> str:
+        """What a person calls it."""
+        return f"{self.group} {self.level} seed {self.seed}"
 
 
 @dataclass(frozen=True)
@@ -90,63 +120,7 @@ class Checkpoint:
     time_ms: int = 0
     made_by: Mapping[str, str] = field(default_factory=dict)
 
-
-@dataclass(frozen=True)
-class StagePaths:
-    """The files of a stage; nobody else joins these names.
-
-    Args:
-        folder: ``runs/stages/<key>``.
-    """
-
-    folder: Path
-
     @property
-    def spec(self) -> Path:
-        """The stage and the machine-dependent settings it was last started with."""
-        return self.folder / "stage.json"
-
-    @property
-    def done(self) -> Path:
-        """Marker, written last."""
-        return self.folder / "done.json"
-
-    @property
-    def progress(self) -> Path:
-        """Step reached, renewed every second or so."""
-        return self.folder / "progress.json"
-
-    @property
-    def lease(self) -> Path:
-        """Held by the process that trains it, see ``leases``."""
-        return self.folder / "lease.json"
-
-    @property
-    def error(self) -> Path:
-        """Traceback of the last failure."""
-        return self.folder / "error.txt"
-
-    def weights(self, step: int) -> Path:
-        """Weights, optimiser, generators and position."""
-        return self.folder / "checkpoints" / f"{step:08d}.pt"
-
-    def marker(self, step: int) -> Path:
-        """A ``Checkpoint``; the checkpoint exists when this does."""
-        return self.folder / "checkpoints" / f"{step:08d}.json"
-
-    @property
-    def resume(self) -> Path:
-        """A resume point between two checkpoints."""
-        return self.folder / "resume.pt"
-
-    def detections(self, step: int) -> Path:
-        """What a checkpoint predicts on the validation frames."""
-        return self.folder / "detections" / f"{step:08d}.parquet"
-
-    def scores(self, step: int, protocol_id: str) -> Path:
-        """AP of a checkpoint under a protocol."""
-        return self.folder / "scores" / protocol_id / f"{step:08d}.json"
-
-    def steps(self) -> list[int]:
-        """Steps of the checkpoints that exist, rising."""
-        return sorted(int(p.stem) for p in (self.folder / "checkpoints").glob("*.json") if p.stem.isdigit())
+    def commit(self) -> str:
+        """Of fl3d when it was made; ``unknown`` where there was no git."""
+        return self.made_by.get("fl3d.commit", "unknown")

@@ -18,7 +18,7 @@ def provenance() -> dict[str, str]:
     tags["fl3d.packages"] = " ".join(f"{name}=={version(name)}" for name in PACKAGES)
     commit = _git("rev-parse", "HEAD").strip()
     if commit:
-        tags["mlflow.source.git.commit"] = commit
+        tags["fl3d.commit"] = commit
         tags["fl3d.dirty"] = str(bool(_git("status", "--porcelain").strip())).lower()
         changes = uncommitted()
         if changes:
@@ -49,7 +49,9 @@ def _processor() -> str:
 def _git(*arguments: str) -> str:
     here = Path(__file__).resolve().parent
     try:
-        done = subprocess.run(["git", *arguments], cwd=here, capture_output=True, text=True, timeout=10, check=True)
+        done = subprocess.run(
+            ["git", *arguments], cwd=here, capture_output=True, text=True, timeout=10, check=True
+        )
     except (OSError, UnicodeDecodeError, subprocess.SubprocessError):
         return ""
     return done.stdout

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import copy
-import inspect
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,17 +14,16 @@ from hydra import compose, initialize_config_dir
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override, OverrideType
+from hydra.core.override_parser.types import Override, OverrideType, QuotedString
 from hydra.errors import HydraException
 from hydra.types import RunMode
-from hydra.utils import get_class, instantiate
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from fl3d.errors import ConfigError, options
-from fl3d.records import Config
+from fl3d.core.errors import ConfigError, options
+from fl3d.core.records import Config
 
-CONF = Path(__file__).resolve().parent.parent / "conf"
+CONF = Path(__file__).resolve().parents[2] / "conf"
 MAIN = "config"
 
 
@@ -118,13 +116,60 @@ def multirun_of(loader: ConfigLoader, composed: DictConfig, arguments: list[str]
 
 def _is_plain_value(override: Override, composed: DictConfig) -> bool:
     """Whether an override only sets a number, text or the like that the config has already: no group, no new key."""
-    if override.is_sweep_override() or override.type is not OverrideType.CHANGE or override.package is not None:
+    if (
+        override.is_sweep_override()
+        or override.type is not OverrideType.CHANGE
+        or override.package is not None
+    ):
         return False
     is_group = (CONF / override.key_or_group).is_dir()
     found = OmegaConf.select(composed, override.key_or_group, throw_on_resolution_failure=False)
     value = override.value()
     has_key = found is not None and not OmegaConf.is_config(found)
     return not is_group and has_key and isinstance(value, int | float | bool | str)
+
+
+def values_by_key(arguments: Sequence[str]) -> dict[str, list[Any]]:
+    """What overrides say, swept or not, as plain values: ``seed=0,1`` -> ``{"seed": [0, 1]}``.
+
+    Raises:
+        ConfigError: an interval, whose values cannot be listed.
+    """
+    parsed = [_parse(line) for line in arguments]
+    return {
+        override.key_or_group: _plain_values(override)
+        for override in parsed
+        if not override.is_delete()
+    }
+
+
+def is_interval(line: str) -> bool:
+    """Whether an override sweeps an interval, as a study does."""
+    override = _parse(line)
+    return override.is_sweep_override() and not override.is_discrete_sweep()
+
+
+def _plain_values(override: Override) -> list[Any]:
+    if not override.is_sweep_override():
+        return [_plain(override.value())]
+    try:
+        return [_plain(value) for value in override.sweep_iterator()]
+    except HydraException:
+        raise ConfigError(
+            f"'{override.input_line}': a grid needs values that can be listed, such as 0,1,2 or range(0,3); "
+            "to search an interval add hydra/sweeper=optuna"
+        ) from None
+
+
+def _plain(value: Any) -> Any:
+    """A parsed value without Hydra's own classes."""
+    if isinstance(value, QuotedString):
+        return value.text
+    if isinstance(value, Mapping):
+        return {_plain(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return value
 
 
 def section(hydra: Any, name: str) -> Config:
@@ -134,43 +179,6 @@ def section(hydra: Any, name: str) -> Config:
     return {str(key): value for key, value in container.items()}
 
 
-def build(section: Config, name: str, **arguments: Any) -> Any:
-    """Make the object that a config section's ``_target_`` names.
-
-    Args:
-        section: ``_target_`` and its arguments.
-        name: of the section, for errors.
-        arguments: further ones, already objects.
-
-    Raises:
-        ConfigError: the target does not exist or does not take these arguments.
-    """
-    target = section["_target_"]
-    own = {key: value for key, value in section.items() if not key.startswith("_")}
-    try:
-        inspect.signature(locate(target, name)).bind(**own, **arguments)
-    except TypeError as error:
-        raise ConfigError(f"{name}: {target}: {error}") from None
-    try:
-        # Partial, for Hydra would turn arguments that are dataclasses into configs.
-        return instantiate({**section, "_partial_": True}, _convert_="all")(**arguments)
-    except HydraException as error:
-        cause = error.__cause__
-        raise (cause if isinstance(cause, ConfigError) else ConfigError(f"{name}: {error}")) from None
-
-
-def locate(target: str, name: str) -> Any:
-    """The class that a ``_target_`` names.
-
-    Raises:
-        ConfigError: there is none.
-    """
-    try:
-        return get_class(target)
-    except Exception as error:
-        raise ConfigError(f"{name}: {error}") from None
-
-
 def check_overrides(overrides: Sequence[str]) -> None:
     """Refuse misspelt groups, options and keys, saying which there are.
 
@@ -178,7 +186,9 @@ def check_overrides(overrides: Sequence[str]) -> None:
         ConfigError: the first override that does not fit.
     """
     parsed = [_parse(line) for line in overrides]
-    groups = {Path(folder).relative_to(CONF).as_posix() for folder, _, files in _walk() if files} - {"."}
+    groups = {
+        Path(folder).relative_to(CONF).as_posix() for folder, _, files in _walk() if files
+    } - {"."}
     chosen: list[str] = []
     keys: list[tuple[str, str]] = []
     for override in parsed:
@@ -208,7 +218,9 @@ def _parse(line: str) -> Override:
     try:
         return OverridesParser.create().parse_override(line)
     except HydraException as error:
-        raise ConfigError(f"'{line}' is not KEY=VALUE in Hydra's grammar: {str(error).splitlines()[0]}") from None
+        raise ConfigError(
+            f"'{line}' is not KEY=VALUE in Hydra's grammar: {str(error).splitlines()[0]}"
+        ) from None
 
 
 def _choices(value: Any) -> list[str]:
@@ -219,7 +231,9 @@ def _choices(value: Any) -> list[str]:
 def _check_option(group: str, option: str) -> None:
     present = [p.stem for p in (CONF / group).glob("*.yaml")]
     if option not in present:
-        raise ConfigError(f"{group}={option}: no such file in conf/{group}. {options(option, present)}")
+        raise ConfigError(
+            f"{group}={option}: no such file in conf/{group}. {options(option, present)}"
+        )
 
 
 def _check_key(base: DictConfig, key: str, line: str, groups: set[str]) -> None:
@@ -230,9 +244,13 @@ def _check_key(base: DictConfig, key: str, line: str, groups: set[str]) -> None:
             where = ".".join(parts[:depth])
             present = [str(k) for k in node] if OmegaConf.is_dict(node) else []
             if depth == 0:
-                raise ConfigError(f"{line}: no key or group '{part}'. {options(part, {*present, *groups} - {'hydra'})}")
+                raise ConfigError(
+                    f"{line}: no key or group '{part}'. {options(part, {*present, *groups} - {'hydra'})}"
+                )
             raise ConfigError(f"{line}: no key '{part}' in '{where}'. {options(part, present)}")
-        node = OmegaConf.select(base, ".".join(parts[: depth + 1]), throw_on_resolution_failure=False)
+        node = OmegaConf.select(
+            base, ".".join(parts[: depth + 1]), throw_on_resolution_failure=False
+        )
 
 
 def _compose(overrides: Sequence[str]) -> DictConfig:

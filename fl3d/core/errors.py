@@ -4,7 +4,7 @@ Fl3dError
 ├── ConfigError        a key, a value or a sweep file
 ├── DataError          a file of a dataset: names file, line and field
 ├── CheckpointError    a checkpoint that is torn, or of another network
-├── TrainingError      a stage that cannot go on (loss is not finite)
+├── TrainingError      a stage that cannot continue (loss is not finite)
 ├── StageFailed        a stage of a sweep ended with an error; carries its traceback
 └── StoreError         the store is missing, locked or of another kind
     └── StoreDown      the store cannot be reached now; the same call may go through later
@@ -46,7 +46,7 @@ class CheckpointError(Fl3dError):
 
 
 class TrainingError(Fl3dError):
-    """A stage that cannot go on."""
+    """A stage that cannot continue."""
 
 
 class StageFailed(Fl3dError):

@@ -19,8 +19,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from fl3d.errors import StoreError
-from fl3d.files import write_text
+from fl3d.core.errors import StoreError
+from fl3d.core.files import write_text
 
 LEASE_SECONDS = 60.0  # without renewal, after which others take it
 RENEW_SECONDS = 10.0
@@ -74,7 +74,9 @@ class Lease:
         except OSError:
             return  # the file system does not answer: nobody else can take it now either
         if holder is None or holder.token != self.holder.token:
-            raise StoreError(f"{self.path}: taken over by {holder or 'nobody'}, as it was not renewed in time")
+            raise StoreError(
+                f"{self.path}: taken over by {holder or 'nobody'}, as it was not renewed in time"
+            )
 
     def release(self) -> None:
         """Give it back."""

@@ -1,0 +1,229 @@
+"""What a resolved config says, typed: the rooms above pass these records on, never the dict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fl3d.core.errors import ConfigError, options
+from fl3d.core.records import Config
+from fl3d.evaluation.protocol import METRIC_NAMES, Protocol
+from fl3d.evaluation.selection import STAGES
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataSettings:
+    """Which frames, see ``conf/data``.
+
+    Args:
+        name: in the names of results and experiments.
+        root: KITTI folder, or the folder below which one is simulated; None: not given yet.
+        generate: whether the simulator writes it.
+        seed: of the simulated frames, and of subsets.
+        train_split: file in ``ImageSets``, without its ending.
+        val_split: likewise.
+        train_frames: at most so many; None: all.
+        val_frames: likewise.
+        crop: see ``data.kitti.KittiFolder``.
+        calibration: likewise.
+        cache_frames: kept in memory by each process.
+    """
+
+    name: str
+    root: Path | None
+    generate: bool
+    seed: int
+    train_split: str
+    val_split: str
+    train_frames: int | None
+    val_frames: int | None
+    crop: str
+    calibration: str
+    cache_frames: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreSettings:
+    """Where results are kept, see ``store`` in ``conf/config.yaml``.
+
+    Args:
+        root: folder of run folders, plans and the default store.
+        uri: of another store for scores; None: a file below ``root``.
+        keep_every: epochs between checkpoints whose weights are kept; None: only the last and the best.
+    """
+
+    root: Path
+    uri: str | None
+    keep_every: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepSettings:
+    """What a sweep asks, see ``sweep`` in ``conf/config.yaml``.
+
+    Args:
+        name: of the sweep.
+        question: one sentence, or None.
+        factor: keys that are compared; empty: the swept keys other than ``detector`` and ``seed``.
+        baseline: the level that the others are held against, as the user wrote it; None: the first.
+        groups: keys whose values have a table each; None: the swept keys that are neither factor nor ``seed``.
+        primary: metric that is named before training, such as ``3d_r40/moderate``.
+        tables: of papers, such as ``focal_loss.last_voxelnet``.
+        after: a sweep whose winner's values this one keeps; None: none.
+        winner: metric that decides who wins; None: nobody does.
+    """
+
+    name: str
+    question: str | None
+    factor: tuple[str, ...]
+    baseline: Any
+    groups: tuple[str, ...] | None
+    primary: str
+    tables: tuple[str, ...]
+    after: str | None
+    winner: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What all trials of a sweep share.
+
+    Args:
+        sweep: what it asks.
+        data: which frames.
+        store: where it is kept.
+        protocol: what an AP stands for.
+        profile: name of the size.
+        best_among: where ``best`` looks, see ``evaluation.selection.select``.
+        results: folder of tables and figures.
+        device: torch's name of it.
+        workers: loader processes of each stage; None: by the device.
+        save_every_steps: steps between resume points within an epoch; None: none.
+    """
+
+    sweep: SweepSettings
+    data: DataSettings
+    store: StoreSettings
+    protocol: Protocol
+    profile: str
+    best_among: str
+    results: Path
+    device: str
+    workers: int | None
+    save_every_steps: int | None
+
+    @property
+    def experiment(self) -> str:
+        """Name of the sweep on these data at this size; plans and stores know it by this."""
+        return f"{self.sweep.name}-{self.folder_name}"
+
+    @property
+    def folder_name(self) -> str:
+        """``<data>-<profile>``."""
+        return f"{self.data.name}-{self.profile}"
+
+    @property
+    def results_folder(self) -> Path:
+        """``<results>/<data>-<profile>``."""
+        return self.results / self.folder_name
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageSettings:
+    """Values of a stage's own config that its trainer and its readers use by name.
+
+    Args:
+        seed: of weights, order and sampling.
+        precision: see ``inference.precision``.
+        compile: whether dense layers are compiled.
+        batch_size: frames in a step.
+        checkpoint_every: epochs between checkpoints.
+        crop: see ``data.kitti.KittiFolder``.
+        calibration: likewise.
+        max_boxes: stored of each frame.
+        min_score: of a stored box.
+    """
+
+    seed: int
+    precision: str
+    compile: bool
+    batch_size: int
+    checkpoint_every: int
+    crop: str
+    calibration: str
+    max_boxes: int
+    min_score: float
+
+
+def read_settings(config: Config) -> Settings:
+    """The settings of a resolved config.
+
+    Raises:
+        ConfigError: a protocol, a metric or a selection that does not exist.
+    """
+    best_among = config["selection"]["stages"]
+    if best_among not in STAGES:
+        raise ConfigError(f"selection.stages: {options(best_among, STAGES)}")
+    return Settings(
+        sweep=_sweep(config["sweep"]),
+        data=_data(config["data"]),
+        store=_store(config["store"]),
+        protocol=Protocol(**config["protocol"]),
+        profile=config["profile"]["name"],
+        best_among=best_among,
+        results=Path(config["results"]),
+        device=config["device"],
+        workers=config["workers"],
+        save_every_steps=config["schedule"]["save_every_steps"],
+    )
+
+
+def read_stage_settings(config: Config) -> StageSettings:
+    """The settings of a stage's config; keys that older stages lack have their default."""
+    return StageSettings(
+        seed=config["seed"],
+        precision=config.get("precision", "float32"),
+        compile=config.get("compile", False),
+        batch_size=config["schedule"]["batch_size"],
+        checkpoint_every=config["schedule"]["checkpoint_every"],
+        crop=config["data"]["crop"],
+        calibration=config["data"]["calibration"],
+        max_boxes=config["detections"]["max_boxes"],
+        min_score=config["detections"]["min_score"],
+    )
+
+
+def _data(section: Mapping[str, Any]) -> DataSettings:
+    root = section["root"]
+    return DataSettings(**{**section, "root": None if root is None else Path(root)})
+
+
+def _store(section: Mapping[str, Any]) -> StoreSettings:
+    return StoreSettings(**{**section, "root": Path(section["root"])})
+
+
+def _sweep(section: Mapping[str, Any]) -> SweepSettings:
+    primary = section["primary"]
+    if f"ap_{primary}" not in METRIC_NAMES:
+        possible = [name.removeprefix("ap_") for name in METRIC_NAMES]
+        raise ConfigError(
+            f"sweep.primary: no metric '{primary}'. {options(str(primary), possible)}"
+        )
+    groups = section["groups"]
+    return SweepSettings(
+        **{
+            **section,
+            "factor": _keys(section["factor"]),
+            "groups": None if groups is None else _keys(groups),
+            "tables": tuple(section["tables"]),
+        }
+    )
+
+
+def _keys(value: Any) -> tuple[str, ...]:
+    """One key, several, or none."""
+    if value is None:
+        return ()
+    return (value,) if isinstance(value, str) else tuple(value)
