@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.core.errors import ConfigError, options
 from fl3d.data.label_table import NAMES, LabelTable
-from fl3d.errors import ConfigError, options
 from fl3d.evaluation.matching import Matches, match_frames, recall_thresholds, sort_matches
 from fl3d.evaluation.overlaps import Overlaps, find_overlaps
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
@@ -97,11 +97,17 @@ class Comparison:
             difficulty: ``easy``, ``moderate`` or ``hard``.
         """
         if name not in self.protocol.overlaps:
-            raise ConfigError(f"protocol.overlaps: no class '{name}'. {options(name, self.protocol.overlaps)}")
+            raise ConfigError(
+                f"protocol.overlaps: no class '{name}'. {options(name, self.protocol.overlaps)}"
+            )
         m, level = METRICS.index(metric), DIFFICULTIES.index(difficulty)
         minimum = self.protocol.overlaps[name][m]
         # DontCare has no 3D box, so it excuses false alarms in the image alone.
-        excused = self.overlaps.dontcare > minimum if metric == "image" else np.zeros(len(self.det.types), dtype=bool)
+        excused = (
+            self.overlaps.dontcare > minimum
+            if metric == "image"
+            else np.zeros(len(self.det.types), dtype=bool)
+        )
         found = match_frames(
             self.gt.offsets,
             self.det.offsets,
@@ -124,7 +130,9 @@ class Comparison:
         return curve_of(self.matches(name, metric, difficulty), with_angle)
 
 
-def compare(gt: LabelTable, det: LabelTable, protocol: Protocol, beyond: NDArray[np.bool_] | None = None) -> Comparison:
+def compare(
+    gt: LabelTable, det: LabelTable, protocol: Protocol, beyond: NDArray[np.bool_] | None = None
+) -> Comparison:
     """Hold detections against ground truths.
 
     Args:
@@ -150,7 +158,10 @@ def evaluate(comparison: Comparison, classes: Sequence[str] | None = None) -> Cu
         classes: which of the protocol's; None: all.
     """
     return {
-        name: {metric: {level: comparison.curve(name, metric, level) for level in DIFFICULTIES} for metric in METRICS}
+        name: {
+            metric: {level: comparison.curve(name, metric, level) for level in DIFFICULTIES}
+            for metric in METRICS
+        }
         for name in (comparison.protocol.overlaps if classes is None else classes)
     }
 
@@ -159,10 +170,15 @@ def curve_of(matches: Matches, with_angle: bool = False) -> Curve:
     """The curve that matches give."""
     n_gt = int(matches.n_gt.sum())
     once = np.ones(len(matches.hit_scores), dtype=np.int64)
-    thresholds = recall_thresholds(matches.hit_scores, once, n_gt) if n_gt and len(once) else np.zeros(0)
-    last = np.searchsorted(-matches.scores, -thresholds, side="right")  # events at or above each threshold
+    thresholds = (
+        recall_thresholds(matches.hit_scores, once, n_gt) if n_gt and len(once) else np.zeros(0)
+    )
+    last = np.searchsorted(
+        -matches.scores, -thresholds, side="right"
+    )  # events at or above each threshold
     tp, fp, similar = (
-        np.concatenate([[0], np.cumsum(values)])[last] for values in (matches.tp, matches.fp, matches.similarity)
+        np.concatenate([[0], np.cumsum(values)])[last]
+        for values in (matches.tp, matches.fp, matches.similarity)
     )
     orientation = _samples(similar, tp + fp) if with_angle else None
     return Curve(n_gt, thresholds, tp, fp, _samples(tp, tp + fp), orientation)
@@ -182,7 +198,12 @@ def ground_truth_flags(
     """0 counts, 1 ignored, -1 not there: (G,) for a class and difficulty."""
     height = gt.values[:, 6] - gt.values[:, 4]
     low = height < MIN_HEIGHT[level] if variant == "A" else height <= MIN_HEIGHT[level]
-    hard = (gt.values[:, 1] > MAX_OCCLUSION[level]) | (gt.values[:, 0] > MAX_TRUNCATION[level]) | low | beyond
+    hard = (
+        (gt.values[:, 1] > MAX_OCCLUSION[level])
+        | (gt.values[:, 0] > MAX_TRUNCATION[level])
+        | low
+        | beyond
+    )
     flags = np.full(len(gt.types), -1, dtype=np.int8)
     own = gt.types == NAMES.index(name)
     flags[own] = np.where(hard[own], 1, 0)
@@ -201,7 +222,10 @@ def detection_flags(det: LabelTable, name: str, level: int) -> NDArray[np.int8]:
 def as_json(curves: Curves) -> dict[str, Mapping[str, object]]:
     """Curves as plain values: thresholds, counts, 41 precisions and both APs, in full doubles."""
     return {
-        name: {metric: {level: _plain(curve) for level, curve in levels.items()} for metric, levels in metrics.items()}
+        name: {
+            metric: {level: _plain(curve) for level, curve in levels.items()}
+            for metric, levels in metrics.items()
+        }
         for name, metrics in curves.items()
     }
 
@@ -217,5 +241,8 @@ def _plain(curve: Curve) -> dict[str, object]:
         "ap_r40": curve.ap_r40,
     }
     if curve.orientation is not None:
-        plain["aos_r11"], plain["aos_r40"] = average_r11(curve.orientation), average_r40(curve.orientation)
+        plain["aos_r11"], plain["aos_r40"] = (
+            average_r11(curve.orientation),
+            average_r40(curve.orientation),
+        )
     return plain

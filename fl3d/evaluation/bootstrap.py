@@ -1,7 +1,8 @@
 """How sure an AP is: resample the frames, and the training seeds, and look how far it moves.
 
 Resampling weighs matches that were made once, so an AP of a resample is exactly the AP of the resampled frames and
-nothing is matched again. Two detectors are resampled together (paired), so that their difference is surer than either.
+nothing is matched again. Two detectors are resampled together (paired), so that their
+difference has a narrower interval than either.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.errors import ConfigError
+from fl3d.core.errors import ConfigError
 from fl3d.evaluation.average_precision import N_SAMPLES
 from fl3d.evaluation.matching import Float, Int, Matches, recall_thresholds
 
@@ -56,7 +57,14 @@ def resampled_aps(matches: Matches, weights: NDArray[np.int64]) -> NDArray[np.fl
 
 @numba.njit(cache=True)
 def _resample(
-    n_gt: Int, hit_scores: Float, hit_frames: Int, scores: Float, frames: Int, tps: Int, fps: Int, weights: Int
+    n_gt: Int,
+    hit_scores: Float,
+    hit_frames: Int,
+    scores: Float,
+    frames: Int,
+    tps: Int,
+    fps: Int,
+    weights: Int,
 ) -> Float:
     aps = np.zeros((len(weights), 2))
     for r in range(len(weights)):
@@ -120,13 +128,19 @@ def paired_bootstrap(
         ConfigError: different numbers of seeds or frames.
     """
     if len(detector) != len(baseline) or not detector:
-        raise ConfigError(f"{len(detector)} seeds against {len(baseline)}: a paired bootstrap needs the same seeds")
+        raise ConfigError(
+            f"{len(detector)} seeds against {len(baseline)}: a paired bootstrap needs the same seeds"
+        )
     n_frames = {len(m.n_gt) for m in [*detector, *baseline]}
     if len(n_frames) != 1:
-        raise ConfigError(f"matches of {sorted(n_frames)} frames: a paired bootstrap needs the same frames")
+        raise ConfigError(
+            f"matches of {sorted(n_frames)} frames: a paired bootstrap needs the same frames"
+        )
     weights = frame_weights(n_frames.pop(), n_resamples, seed)
     once = np.ones((1, weights.shape[1]), dtype=np.int64)
-    drawn = np.random.default_rng([seed, 1]).integers(len(detector), size=(n_resamples, len(detector)))
+    drawn = np.random.default_rng([seed, 1]).integers(
+        len(detector), size=(n_resamples, len(detector))
+    )
     values, resamples = [], []
     for side in (detector, baseline):
         values.append(np.mean([resampled_aps(m, once)[0] for m in side], axis=0))
@@ -143,5 +157,7 @@ def paired_bootstrap(
 def _intervals(value: Float, resamples: Float, level: float) -> tuple[Interval, Interval]:
     tail = (1 - level) / 2 * 100
     low, high = np.percentile(resamples, [tail, 100 - tail], axis=0)
-    first, second = (Interval(float(v), float(lo), float(hi)) for v, lo, hi in zip(value, low, high, strict=True))
+    first, second = (
+        Interval(float(v), float(lo), float(hi)) for v, lo, hi in zip(value, low, high, strict=True)
+    )
     return first, second

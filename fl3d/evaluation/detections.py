@@ -11,16 +11,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from fl3d.core.errors import DataError
+from fl3d.core.files import write_atomically
 from fl3d.data.calibration import Calibration
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.label_table import table_from_labels
 from fl3d.data.labels import Labels
 from fl3d.data.projection import project_boxes
-from fl3d.errors import DataError
 from fl3d.evaluation.average_precision import Comparison, compare, evaluate
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.recall import OVERLAPS, best_overlaps
-from fl3d.files import write_atomically
 from fl3d.geometry.boxes import rectangles_velo, spans_velo
 from fl3d.geometry.nms import nms
 
@@ -50,7 +50,11 @@ class Detections:
     def of(self, index: int) -> tuple[Float, Float, Float | None]:
         """Boxes, scores and 2D boxes of one frame."""
         rows = self.frame == index
-        return self.boxes_velo[rows], self.scores[rows], None if self.boxes_image is None else self.boxes_image[rows]
+        return (
+            self.boxes_velo[rows],
+            self.scores[rows],
+            None if self.boxes_image is None else self.boxes_image[rows],
+        )
 
 
 def write_detections(path: Path, detections: Detections) -> None:
@@ -159,7 +163,9 @@ def to_labels(
     return labels.select(visible)
 
 
-def compare_stored(detections: Detections, validation: Validation, protocol: Protocol) -> Comparison:
+def compare_stored(
+    detections: Detections, validation: Validation, protocol: Protocol
+) -> Comparison:
     """A checkpoint's detections of cars, cut and suppressed, held against the labels.
 
     Args:
@@ -200,10 +206,14 @@ def score(detections: Detections, validation: Validation, protocol: Protocol) ->
     return scores_by_name | found | {"recall_3d/mean_iou": float(best.mean()) if len(best) else 0.0}
 
 
-def _cars_and_boxes(detections: Detections, validation: Validation, protocol: Protocol) -> list[tuple[Float, Float]]:
+def _cars_and_boxes(
+    detections: Detections, validation: Validation, protocol: Protocol
+) -> list[tuple[Float, Float]]:
     """Of each frame every car within the protocol's area, whatever its difficulty, and every stored box."""
     found = []
-    for index, (labels, calibration) in enumerate(zip(validation.labels, validation.calibrations, strict=True)):
+    for index, (labels, calibration) in enumerate(
+        zip(validation.labels, validation.calibrations, strict=True)
+    ):
         cars = (labels.types == "Car") & ~_beyond(labels, calibration, protocol)
         objects = calibration.boxes_to_velo(labels.boxes_cam[cars])
         found.append((objects, detections.of(index)[0]))
@@ -216,5 +226,7 @@ def _beyond(labels: Labels, calibration: Calibration, protocol: Protocol) -> NDA
         return np.zeros(len(labels), dtype=bool)
     x0, y0, x1, y1 = protocol.ignore_beyond
     centers = calibration.points_to_velo(labels.boxes_cam[:, :3])
-    inside = (centers[:, 0] >= x0) & (centers[:, 0] < x1) & (centers[:, 1] >= y0) & (centers[:, 1] < y1)
+    inside = (
+        (centers[:, 0] >= x0) & (centers[:, 0] < x1) & (centers[:, 1] >= y0) & (centers[:, 1] < y1)
+    )
     return ~inside

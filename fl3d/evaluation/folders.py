@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from fl3d.core.errors import DataError
 from fl3d.data.label_table import read_table
-from fl3d.errors import DataError
 from fl3d.evaluation.average_precision import Curves, average_r11, average_r40, compare, evaluate
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
 
@@ -48,16 +48,30 @@ def result_ids(folder: Path) -> list[str]:
 
 def curves_to_markdown(curves: Curves) -> str:
     """R11 and R40 of every class and metric that has a ground truth, as Markdown."""
-    head = ["class", "metric", *(f"{average} {level}" for average in ("R11", "R40") for level in DIFFICULTIES)]
+    head = [
+        "class",
+        "metric",
+        *(f"{average} {level}" for average in ("R11", "R40") for level in DIFFICULTIES),
+    ]
     lines = ["| " + " | ".join(head) + " |", "|---|---|" + "---:|" * 6]
     for name, metrics in curves.items():
         for metric, levels in metrics.items():
             if not any(curve.n_gt for curve in levels.values()):
                 continue
-            aps = [curve.ap_r11 for curve in levels.values()] + [curve.ap_r40 for curve in levels.values()]
+            aps = [curve.ap_r11 for curve in levels.values()] + [
+                curve.ap_r40 for curve in levels.values()
+            ]
             lines.append("| " + " | ".join([name, metric, *(f"{ap:.4f}" for ap in aps)]) + " |")
-            similar = [curve.orientation for curve in levels.values() if curve.orientation is not None]
+            similar = [
+                curve.orientation for curve in levels.values() if curve.orientation is not None
+            ]
             if similar:
-                aos = [average(samples) for average in (average_r11, average_r40) for samples in similar]
-                lines.append("| " + " | ".join([name, "orientation", *(f"{v:.4f}" for v in aos)]) + " |")
+                aos = [
+                    average(samples)
+                    for average in (average_r11, average_r40)
+                    for samples in similar
+                ]
+                lines.append(
+                    "| " + " | ".join([name, "orientation", *(f"{v:.4f}" for v in aos)]) + " |"
+                )
     return "\n".join(lines)

@@ -44,12 +44,21 @@ class Matches:
     similarity: Float
 
 
-def sort_matches(n_gt: Int, hits: tuple[Float, Int], events: tuple[Float, Int, Int, Int, Float]) -> Matches:
+def sort_matches(
+    n_gt: Int, hits: tuple[Float, Int], events: tuple[Float, Int, Int, Int, Float]
+) -> Matches:
     """Arrange what ``match_frames`` found by falling score."""
     scores, frames, tp, fp, similarity = events
     first, then = np.argsort(-hits[0], kind="stable"), np.argsort(-scores, kind="stable")
     return Matches(
-        n_gt, hits[0][first], hits[1][first], scores[then], frames[then], tp[then], fp[then], similarity[then]
+        n_gt,
+        hits[0][first],
+        hits[1][first],
+        scores[then],
+        frames[then],
+        tp[then],
+        fp[then],
+        similarity[then],
     )
 
 
@@ -76,7 +85,13 @@ def _best_scored(
 
 @numba.njit(cache=True)
 def _most_overlapping(
-    own: Int, overlap: Float, flags: Flags, scores: Float, taken: NDArray[np.bool_], level: float, minimum: float
+    own: Int,
+    overlap: Float,
+    flags: Flags,
+    scores: Float,
+    taken: NDArray[np.bool_],
+    level: float,
+    minimum: float,
 ) -> int:
     """Of a ground truth's detections the free one of most overlap, or -1; one that counts goes first."""
     best, best_overlap, best_ignored = -1, 0.0, False
@@ -165,13 +180,22 @@ def match_frames(
     hit_scores, hit_frames = np.empty(len(gt_flags)), np.empty(len(gt_flags), dtype=np.int64)
     size = 2 * len(det_flags)
     scores, frames = np.empty(size), np.empty(size, dtype=np.int64)
-    tps, fps, similarities = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64), np.empty(size)
+    tps, fps, similarities = (
+        np.empty(size, dtype=np.int64),
+        np.empty(size, dtype=np.int64),
+        np.empty(size),
+    )
     taken = np.zeros(len(det_flags), dtype=np.bool_)
     touches = np.zeros(len(det_flags), dtype=np.bool_)
     is_alarm = np.zeros(len(det_flags), dtype=np.bool_)  # unless it is taken
     n_hits = n = 0
     for frame in range(n_frames):
-        g0, g1, d0, d1 = gt_offsets[frame], gt_offsets[frame + 1], det_offsets[frame], det_offsets[frame + 1]
+        g0, g1, d0, d1 = (
+            gt_offsets[frame],
+            gt_offsets[frame + 1],
+            det_offsets[frame],
+            det_offsets[frame + 1],
+        )
         # First pass: each ground truth takes the best-scored free detection.
         for g in range(g0, g1):
             if gt_flags[g] == -1:
@@ -191,7 +215,13 @@ def match_frames(
             if touches[d]:
                 n_touching += 1
             elif det_flags[d] == 0 and not excused[d]:
-                scores[n], frames[n], tps[n], fps[n], similarities[n] = det_scores[d], frame, 0, 1, 0.0
+                scores[n], frames[n], tps[n], fps[n], similarities[n] = (
+                    det_scores[d],
+                    frame,
+                    0,
+                    1,
+                    0.0,
+                )
                 n += 1
         if n_touching == 0:
             continue
@@ -205,11 +235,21 @@ def match_frames(
                 is_alarm, gt_alpha, det_alpha, taken, minimum,
             )  # fmt: skip
             scores[n], frames[n] = level, frame
-            tps[n], fps[n], similarities[n] = tp - tp_before, fp - fp_before, similarity - similarity_before
+            tps[n], fps[n], similarities[n] = (
+                tp - tp_before,
+                fp - fp_before,
+                similarity - similarity_before,
+            )
             n += 1
             tp_before, fp_before, similarity_before = tp, fp, similarity
     hits = (hit_scores[:n_hits].copy(), hit_frames[:n_hits].copy())
-    events = (scores[:n].copy(), frames[:n].copy(), tps[:n].copy(), fps[:n].copy(), similarities[:n].copy())
+    events = (
+        scores[:n].copy(),
+        frames[:n].copy(),
+        tps[:n].copy(),
+        fps[:n].copy(),
+        similarities[:n].copy(),
+    )
     return n_gt, hits, events
 
 

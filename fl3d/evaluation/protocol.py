@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from fl3d.digests import digest
-from fl3d.errors import ConfigError, options
+from fl3d.core.digests import digest
+from fl3d.core.errors import ConfigError, options
 from fl3d.evaluation import VERSION
 from fl3d.geometry.nms import KINDS
 
 METRICS = ("image", "bev", "3d")
 DIFFICULTIES = ("easy", "moderate", "hard")
 VARIANTS = ("A", "B")
+METRIC_NAMES = tuple(
+    f"ap_{metric}{average}/{difficulty}"
+    for metric in METRICS
+    for average in ("", "_r40")
+    for difficulty in DIFFICULTIES
+)
 
 
 @dataclass(frozen=True)
@@ -51,12 +57,16 @@ class Protocol:
         )
         for key, value, possible in choices:
             if value not in possible:
-                raise ConfigError(f"protocol.{key}: no choice '{value}'. {options(value, possible)}")
+                raise ConfigError(
+                    f"protocol.{key}: no choice '{value}'. {options(value, possible)}"
+                )
         for key, number in (("score_threshold", self.score_threshold), ("nms_iou", self.nms_iou)):
             if not isinstance(number, int | float) or not 0 <= number <= 1:
                 raise ConfigError(f"protocol.{key}: '{number}' is not a number from 0 to 1")
         if not isinstance(self.max_detections, int) or self.max_detections < 1:
-            raise ConfigError(f"protocol.max_detections: '{self.max_detections}' is not a whole number of at least 1")
+            raise ConfigError(
+                f"protocol.max_detections: '{self.max_detections}' is not a whole number of at least 1"
+            )
         if self.ignore_beyond is not None and len(self.ignore_beyond) != 4:
             raise ConfigError(f"protocol.ignore_beyond: {self.ignore_beyond} is not x0, y0, x1, y1")
 

@@ -5,15 +5,17 @@ Markers, detections and scores of all checkpoints are kept: they are small, and 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from fl3d.records import Stage, StagePaths
-from fl3d.reports.selection import MEAN_3D
+from fl3d.evaluation.selection import MEAN_3D
+from fl3d.runs.layout import RunFolder
+from fl3d.runs.spec import read_scores, read_spec
 
 
-def kept_epochs(epochs: Sequence[int], means: Iterable[Mapping[int, float]], every: Iterable[int | None]) -> set[int]:
+def kept_epochs(
+    epochs: Sequence[int], means: Iterable[Mapping[int, float]], every: Iterable[int | None]
+) -> set[int]:
     """Epochs of a finished stage whose weights are kept. Pure.
 
     Args:
@@ -26,27 +28,25 @@ def kept_epochs(epochs: Sequence[int], means: Iterable[Mapping[int, float]], eve
     return {epochs[-1]} | best | divided
 
 
-def superfluous_weights(paths: StagePaths, stage: Stage, every: int | None) -> list[Path]:
+def superfluous_weights(folder: RunFolder, every: int | None) -> list[Path]:
     """Weights files of a finished stage that the rule does not keep.
 
     Args:
-        paths: of the stage.
-        stage: the stage.
+        folder: of the stage.
         every: asked for now; what was asked for when it was trained counts too.
     """
-    asked = json.loads(paths.spec.read_text())["machine"].get("keep_every")
-    steps = {(step - stage.start_step) // stage.epoch_steps: step for step in paths.steps()}
-    protocols = [folder for folder in (paths.folder / "scores").glob("*") if folder.is_dir()]
-    means = [{epoch: _mean(paths, step, own.name) for epoch, step in steps.items()} for own in protocols]
-    kept = kept_epochs(sorted(steps), means, (every, asked))
-    files = [paths.weights(step) for epoch, step in sorted(steps.items()) if epoch not in kept]
+    spec = read_spec(folder)
+    steps = {spec.stage.own_epoch(step): step for step in folder.steps()}
+    means = [
+        {epoch: _mean(folder, step, protocol) for epoch, step in steps.items()}
+        for protocol in folder.protocols()
+    ]
+    kept = kept_epochs(sorted(steps), means, (every, spec.machine.keep_every))
+    files = [folder.weights(step) for epoch, step in sorted(steps.items()) if epoch not in kept]
     return [file for file in files if file.exists()]
 
 
-def _mean(paths: StagePaths, step: int, protocol: str) -> float:
+def _mean(folder: RunFolder, step: int, protocol: str) -> float:
     """Sum of the 3D APs; a checkpoint that was not scored under the protocol is not its best."""
-    path = paths.scores(step, protocol)
-    if not path.exists():
-        return -1.0
-    aps = json.loads(path.read_text())
-    return float(sum(aps[key] for key in MEAN_3D))
+    aps = read_scores(folder, step, protocol)
+    return float(sum(aps[key] for key in MEAN_3D)) if aps is not None else -1.0

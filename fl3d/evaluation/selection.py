@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from fl3d.errors import ConfigError, options
+from fl3d.core.errors import ConfigError, options
 
 MEAN_3D = ["ap_3d/easy", "ap_3d/moderate", "ap_3d/hard"]
 RULES = ("last", "best")

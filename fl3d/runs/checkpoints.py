@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import pickle
@@ -13,10 +14,11 @@ from typing import Any
 
 import torch
 
-from fl3d.digests import file_digest
-from fl3d.errors import CheckpointError
-from fl3d.files import write_atomically, write_text
-from fl3d.records import Checkpoint, StagePaths
+from fl3d.core.digests import file_digest
+from fl3d.core.errors import CheckpointError
+from fl3d.core.files import write_atomically, write_text
+from fl3d.core.records import Checkpoint
+from fl3d.runs.layout import RunFolder
 
 State = dict[str, Any]
 
@@ -52,21 +54,30 @@ def load_state(path: Path) -> State:
     return state
 
 
-def write_marker(paths: StagePaths, checkpoint: Checkpoint) -> None:
+def write_marker(paths: RunFolder, checkpoint: Checkpoint) -> None:
     """Declare a checkpoint whole; to be called after all its files are written."""
     write_text(paths.marker(checkpoint.step), json.dumps(asdict(checkpoint), indent=1) + "\n")
 
 
-def read_marker(paths: StagePaths, step: int) -> Checkpoint:
-    """Read a checkpoint's marker."""
-    return Checkpoint(**json.loads(paths.marker(step).read_text()))
+def read_marker(paths: RunFolder, step: int) -> Checkpoint:
+    """Read a checkpoint's marker.
+
+    Raises:
+        CheckpointError: it is torn.
+    """
+    path = paths.marker(step)
+    try:
+        return Checkpoint(**json.loads(path.read_text()))
+    except (ValueError, TypeError) as error:
+        raise CheckpointError(f"{path}: is not a checkpoint's marker ({error})") from None
 
 
-def last_state(paths: StagePaths) -> tuple[State, Checkpoint] | None:
+def last_state(paths: RunFolder) -> tuple[State, Checkpoint] | None:
     """Newest checkpoint whose weights are what its marker says; torn ones are passed over."""
     for step in reversed(paths.steps()):
-        checkpoint = read_marker(paths, step)
         path = paths.weights(step)
-        if path.exists() and file_digest(path) == checkpoint.sha256:
-            return load_state(path), checkpoint
+        with contextlib.suppress(CheckpointError):
+            checkpoint = read_marker(paths, step)
+            if path.exists() and file_digest(path) == checkpoint.sha256:
+                return load_state(path), checkpoint
     return None

@@ -1,0 +1,1 @@
+"""What a store folder holds of stages and sweeps, and the only parsers of it."""

@@ -1,0 +1,177 @@
+"""Free the disk: show the files that can be deleted, and delete them only when told to."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tqdm import tqdm
+
+from fl3d.core.errors import StoreError
+from fl3d.core.leases import holder_of
+from fl3d.runs.layout import RunFolder, StoreFolder
+from fl3d.runs.plans import named_stages
+from fl3d.runs.retention import superfluous_weights
+
+OLD_SECONDS = 3600.0  # a temporary file of this age belongs to a process that was killed
+SHOWN = 5  # files of a kind that are named
+
+
+@dataclass(frozen=True)
+class Waste:
+    """Something that can be deleted.
+
+    Args:
+        why: in words.
+        path: file or folder.
+    """
+
+    why: str
+    path: Path
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        if self.path.is_file():
+            return self.path.stat().st_size
+        return sum(path.stat().st_size for path in self.path.rglob("*") if path.is_file())
+
+    def delete(self) -> None:
+        """Delete the file, or the folder with all in it."""
+        if self.path.is_dir():
+            shutil.rmtree(self.path)
+        else:
+            self.path.unlink(missing_ok=True)
+
+
+@dataclass
+class Findings:
+    """What can be deleted in a store.
+
+    Args:
+        waste: what nobody needs.
+        orphans: stages that no plan names.
+        notes: what could not be told, and why.
+    """
+
+    waste: list[Waste] = field(default_factory=list)
+    orphans: list[Waste] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def clean(
+    root: Path,
+    keep_every: int | None,
+    *,
+    delete: bool,
+    orphans: bool,
+    say: Callable[[str], None] = print,
+) -> None:
+    """Show, and with ``delete`` delete, the files of a store that nobody needs.
+
+    Args:
+        root: of the store.
+        keep_every: see ``retention.kept_epochs``.
+        delete: whether to delete them.
+        orphans: whether stages that no plan names go too: those of other versions, data or
+            settings.
+        say: prints a line for the user.
+
+    Raises:
+        StoreError: there is no store, a sweep is running on it, or orphans are asked for and a plan
+            cannot be read, so that nobody can tell which stages it names.
+    """
+    layout = StoreFolder(root)
+    if not layout.stages.is_dir():
+        raise StoreError(
+            f"{root}: there is no store; give --root FOLDER, the store.root of your sweeps"
+        )
+    if delete:
+        _refuse_while_running(layout)
+    found = _find(layout, keep_every, orphans)
+    for note in found.notes:
+        say(note)
+    if not found.waste and not found.orphans:
+        say(f"{root}: there is nothing to delete")
+        return
+    _show(root, found.waste, "", say)
+    _show(root, found.orphans, "" if orphans else " (kept; --orphans takes them too)", say)
+    going = [*found.waste, *(found.orphans if orphans else [])]
+    total = _bytes(sum(one.size for one in going))
+    if not delete:
+        say(f"{total} can be deleted. Nothing was deleted; --yes does it.")
+        say("Detections, scores and markers of the stages that plans name stay.")
+        return
+    for one in going:
+        one.delete()
+    say(f"{total} deleted")
+
+
+def _refuse_while_running(layout: StoreFolder) -> None:
+    for lease in layout.plans.glob("*.lease"):
+        holder = holder_of(lease)
+        if holder is not None:
+            raise StoreError(f"{lease.stem} is being run by {holder}; nothing is deleted meanwhile")
+
+
+def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Findings:
+    found = Findings()
+    idle = list(_idle_runs(layout))
+    for run in idle:
+        if run.is_done:
+            _find_weights(run, keep_every, found)
+    found.waste += _temporary(layout.root)
+    try:
+        named = named_stages(sorted(layout.plans.glob("*.json")))
+    except StoreError as error:
+        if orphans:
+            raise StoreError(f"--orphans: nobody can tell which stages it names: {error}") from None
+        found.notes.append(f"Stages that no sweep's plan names are not looked for: {error}")
+        return found
+    for run in idle:
+        if run.key not in named:
+            found.orphans.append(Waste("stages that no sweep's plan names", run.path))
+    return found
+
+
+def _idle_runs(layout: StoreFolder) -> Iterator[RunFolder]:
+    """Stages that nobody trains now."""
+    for path in sorted(layout.stages.glob("*")):
+        run = RunFolder(path)
+        if run.spec.exists() and holder_of(run.lease) is None:
+            yield run
+
+
+def _find_weights(run: RunFolder, keep_every: int | None, found: Findings) -> None:
+    why = "weights of checkpoints that are neither last, best nor every k-th"
+    try:
+        found.waste += [Waste(why, path) for path in superfluous_weights(run, keep_every)]
+    except StoreError as error:  # of another version of fl3d
+        found.notes.append(f"All its weights are kept: {error}")
+
+
+def _temporary(root: Path) -> Iterator[Waste]:
+    for path in sorted(root.rglob(".*.tmp")):
+        if time.time() - path.stat().st_mtime > OLD_SECONDS:
+            yield Waste("temporary files of processes that were killed", path)
+
+
+def _show(root: Path, every: Sequence[Waste], remark: str, say: Callable[[str], None]) -> None:
+    """Say what there is of each kind, with the names of a few."""
+    kinds: dict[str, list[Waste]] = {}
+    for one in every:
+        kinds.setdefault(one.why, []).append(one)
+    for why, members in kinds.items():
+        size = _bytes(sum(one.size for one in members))
+        say(f"{size:>8}  {len(members)} {why}{remark}")
+        for one in members[:SHOWN]:
+            say(f"          {one.path.relative_to(root)}")
+        if len(members) > SHOWN:
+            say(f"          ... and {len(members) - SHOWN} more")
+
+
+def _bytes(count: float) -> str:
+    return str(tqdm.format_sizeof(count, "B", 1000))

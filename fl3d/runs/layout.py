@@ -1,0 +1,128 @@
+"""Where the files of a store folder lie; nobody else joins these names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """The files of a stage.
+
+    Args:
+        path: ``runs/stages/<key>``.
+    """
+
+    path: Path
+
+    @property
+    def key(self) -> str:
+        """Of the stage."""
+        return self.path.name
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the stage is trained to its end."""
+        return self.done.exists()
+
+    def beside(self, key: str) -> RunFolder:
+        """The folder of another stage of the same store."""
+        return RunFolder(self.path.parent / key)
+
+    @property
+    def spec(self) -> Path:
+        """The stage and the machine-dependent settings it was last started with."""
+        return self.path / "stage.json"
+
+    @property
+    def done(self) -> Path:
+        """Marker, written last."""
+        return self.path / "done.json"
+
+    @property
+    def progress(self) -> Path:
+        """Step reached, renewed every second or so."""
+        return self.path / "progress.json"
+
+    @property
+    def lease(self) -> Path:
+        """Held by the process that trains it, see ``leases``."""
+        return self.path / "lease.json"
+
+    @property
+    def error(self) -> Path:
+        """Traceback of the last failure."""
+        return self.path / "error.txt"
+
+    def weights(self, step: int) -> Path:
+        """Weights, optimiser, generators and position."""
+        return self.path / "checkpoints" / f"{step:08d}.pt"
+
+    def marker(self, step: int) -> Path:
+        """A ``Checkpoint``; the checkpoint exists when this does."""
+        return self.path / "checkpoints" / f"{step:08d}.json"
+
+    @property
+    def resume(self) -> Path:
+        """A resume point between two checkpoints."""
+        return self.path / "resume.pt"
+
+    def detections(self, step: int) -> Path:
+        """What a checkpoint predicts on the validation frames."""
+        return self.path / "detections" / f"{step:08d}.parquet"
+
+    def windows(self, step: int) -> Path:
+        """Logits of a checkpoint's windows on the validation frames."""
+        return self.path / "windows" / f"{step:08d}.npz"
+
+    def scores(self, step: int, protocol_id: str) -> Path:
+        """AP of a checkpoint under a protocol."""
+        return self.path / "scores" / protocol_id / f"{step:08d}.json"
+
+    def protocols(self) -> list[str]:
+        """Ids of the protocols that any of its checkpoints was scored under."""
+        return sorted(path.name for path in (self.path / "scores").glob("*") if path.is_dir())
+
+    def steps(self) -> list[int]:
+        """Steps of the checkpoints that exist, rising."""
+        return sorted(
+            int(p.stem) for p in (self.path / "checkpoints").glob("*.json") if p.stem.isdigit()
+        )
+
+
+@dataclass(frozen=True)
+class StoreFolder:
+    """The files of a store: run folders, plans and studies.
+
+    Args:
+        root: ``store.root`` of the config.
+    """
+
+    root: Path
+
+    @property
+    def stages(self) -> Path:
+        """Folder of all run folders."""
+        return self.root / "stages"
+
+    @property
+    def plans(self) -> Path:
+        """Folder of frozen plans, and of the leases of the sweeps that run."""
+        return self.root / "plans"
+
+    def run(self, key: str) -> RunFolder:
+        """The run folder of a stage."""
+        return RunFolder(self.stages / key)
+
+    def plan(self, experiment: str) -> Path:
+        """The frozen plan of a sweep."""
+        return self.plans / f"{experiment}.json"
+
+    def lease(self, experiment: str) -> Path:
+        """Held by the process that runs the sweep."""
+        return self.plans / f"{experiment}.lease"
+
+    def study(self, name: str) -> Path:
+        """The journal of an Optuna study."""
+        return self.root / "studies" / f"{name}.log"
