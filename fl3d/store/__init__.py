@@ -1,1 +1,1 @@
-"""Scores in MLflow, which nothing outside knows: ``connection`` reaches it, ``tracking`` writes, ``reading`` reads."""
+"""Where the scores of sweeps are kept: ``base`` says what a store is; only ``mlflow`` knows MLflow."""

@@ -18,11 +18,15 @@ import sqlalchemy as sa
 from mlflow import MlflowClient
 from mlflow.exceptions import MlflowException
 
-from fl3d.errors import StoreDown
+from fl3d.core.errors import StoreDown
 
 PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
 CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
-PASSING = ("TEMPORARILY_UNAVAILABLE", "DEADLINE_EXCEEDED", "RESOURCE_EXHAUSTED")  # MLflow's codes of what will pass
+PASSING = (
+    "TEMPORARILY_UNAVAILABLE",
+    "DEADLINE_EXCEEDED",
+    "RESOURCE_EXHAUSTED",
+)  # MLflow's codes of what will pass
 
 
 def database_url(uri: str) -> str:
@@ -66,7 +70,13 @@ def outages() -> Iterator[None]:
     except (*CONNECTION_ERRORS, requests.RequestException) as error:
         raise StoreDown(str(error).splitlines()[0]) from error
     except MlflowException as error:
-        unreachable = str(error).startswith("API request to ") and error.error_code == "INTERNAL_ERROR"
-        if error.error_code in PASSING or unreachable or isinstance(error.__cause__, CONNECTION_ERRORS):
+        unreachable = (
+            str(error).startswith("API request to ") and error.error_code == "INTERNAL_ERROR"
+        )
+        if (
+            error.error_code in PASSING
+            or unreachable
+            or isinstance(error.__cause__, CONNECTION_ERRORS)
+        ):
             raise StoreDown(str(error).splitlines()[0]) from error
         raise

@@ -9,16 +9,14 @@ from typing import Any
 import pandas as pd
 import sqlalchemy as sa
 
+from fl3d.store.base import is_score
+
 SERVER_CALLS = 8  # at once
-OTHER_METRICS = ("epoch",)  # read beside AP and recall
 
 
-def is_score(key: str) -> bool:
-    """Whether a metric is one that tables are made of."""
-    return key.startswith(("ap_", "recall_")) or key in OTHER_METRICS
-
-
-def read_database(uri: str, experiment: str, tag: tuple[str, str], columns: Sequence[str]) -> pd.DataFrame:
+def read_database(
+    uri: str, experiment: str, tag: tuple[str, str], columns: Sequence[str]
+) -> pd.DataFrame:
     """Scores of the runs of an experiment that carry a tag, from MLflow's database.
 
     The database turns rows into columns: 1000 trials of 60 checkpoints of 18 APs take a second, which half a dozen
@@ -31,12 +29,14 @@ def read_database(uri: str, experiment: str, tag: tuple[str, str], columns: Sequ
         columns: of the runs, such as ``tags.detector`` or ``params.seed``.
 
     Returns:
-        see ``tracking.Store.read``.
+        see ``store.base.Store.read``.
     """
     engine = sa.create_engine(uri)
     try:
         with engine.connect() as connection:
-            runs = pd.read_sql(sa.text(_RUNS), connection, params={"name": experiment, "k": tag[0], "v": tag[1]})
+            runs = pd.read_sql(
+                sa.text(_RUNS), connection, params={"name": experiment, "k": tag[0], "v": tag[1]}
+            )
             ids = runs["run_uuid"].tolist()
             if not ids:
                 return pd.DataFrame()
@@ -47,7 +47,9 @@ def read_database(uri: str, experiment: str, tag: tuple[str, str], columns: Sequ
         engine.dispose()
     if scores.empty:
         return scores
-    return scores.sort_values(["run_uuid", "step"], ignore_index=True).merge(runs, "left", "run_uuid")
+    return scores.sort_values(["run_uuid", "step"], ignore_index=True).merge(
+        runs, "left", "run_uuid"
+    )
 
 
 _RUNS = (
@@ -64,7 +66,9 @@ def _among(ids: Sequence[str]) -> str:
 
 def _scores(connection: sa.Connection, ids: Sequence[str]) -> pd.DataFrame:
     among = _among(ids)
-    found = connection.execute(sa.text(f"SELECT DISTINCT key FROM latest_metrics WHERE run_uuid IN ({among})"))
+    found = connection.execute(
+        sa.text(f"SELECT DISTINCT key FROM latest_metrics WHERE run_uuid IN ({among})")
+    )
     keys = sorted(key for (key,) in found if is_score(key))
     if not keys:
         return pd.DataFrame()
@@ -74,7 +78,9 @@ def _scores(connection: sa.Connection, ids: Sequence[str]) -> pd.DataFrame:
         f"SELECT run_uuid, step, {pivot} FROM metrics WHERE run_uuid IN ({among}) "
         f"AND key IN ({', '.join(f':{name}' for name in bound)}) GROUP BY run_uuid, step"
     )
-    wide = pd.DataFrame(connection.execute(sa.text(query), bound).fetchall(), columns=["run_uuid", "step", *keys])
+    wide = pd.DataFrame(
+        connection.execute(sa.text(query), bound).fetchall(), columns=["run_uuid", "step", *keys]
+    )
     return wide.astype(dict.fromkeys(keys, float))
 
 
@@ -85,7 +91,9 @@ def _values(connection: sa.Connection, column: str, ids: Sequence[str]) -> dict[
     return {run: value for run, value in connection.execute(sa.text(query), {"key": key})}
 
 
-def read_server(client: Any, experiment_id: str, tag: tuple[str, str], columns: Sequence[str]) -> pd.DataFrame:
+def read_server(
+    client: Any, experiment_id: str, tag: tuple[str, str], columns: Sequence[str]
+) -> pd.DataFrame:
     """The same from an MLflow server, which has no call for many histories at once.
 
     Args:
@@ -97,7 +105,9 @@ def read_server(client: Any, experiment_id: str, tag: tuple[str, str], columns: 
     runs = list(_pages(client, experiment_id, f"tags.`{tag[0]}` = '{tag[1]}'"))
     calls = [(run, key) for run in runs for key in run.data.metrics if is_score(key)]
     with ThreadPoolExecutor(SERVER_CALLS) as pool:
-        histories = pool.map(lambda call: client.get_metric_history(call[0].info.run_id, call[1]), calls)
+        histories = pool.map(
+            lambda call: client.get_metric_history(call[0].info.run_id, call[1]), calls
+        )
     rows = [
         {"run_uuid": run.info.run_id, "step": metric.step, "key": key, "value": metric.value}
         for (run, key), history in zip(calls, histories, strict=True)
@@ -105,12 +115,16 @@ def read_server(client: Any, experiment_id: str, tag: tuple[str, str], columns: 
     ]
     if not rows:
         return pd.DataFrame()
-    wide = pd.DataFrame(rows).pivot_table(index=["run_uuid", "step"], columns="key", values="value", aggfunc="max")
+    wide = pd.DataFrame(rows).pivot_table(
+        index=["run_uuid", "step"], columns="key", values="value", aggfunc="max"
+    )
     front = []
     for run in runs:
         known = {f"tags.{key}": value for key, value in run.data.tags.items()}
         known |= {f"params.{key}": value for key, value in run.data.params.items()}
-        front.append({"run_uuid": run.info.run_id} | {column: known.get(column) for column in columns})
+        front.append(
+            {"run_uuid": run.info.run_id} | {column: known.get(column) for column in columns}
+        )
     return wide.reset_index().merge(pd.DataFrame(front), "left", "run_uuid")
 
 

@@ -9,7 +9,7 @@ import json
 
 VIEW = "fl3d"  # its key in links
 TAG = f"mlflow.sharedViewState.{VIEW}"
-TAGS = ("detector", "gamma", "seed", "best_step")
+TAGS = ("detector", "group", "level", "seed", "best_step")  # as ``sweep.recorder`` sets them
 APS = ("ap_3d/easy", "ap_3d/moderate", "ap_3d/hard", "ap_bev/moderate")
 CHARTS = {
     "AP over steps": ("ap_3d/moderate", "ap_3d/easy", "ap_3d/hard", "ap_bev/moderate"),
@@ -19,16 +19,17 @@ CHARTS = {
 
 def link(experiment: str) -> str:
     """Where the view of an experiment lies, from the UI's root."""
-    return (
-        f"#/experiments/{experiment}/runs?viewStateShareKey={VIEW}&compareRunsMode=CHART&workflowType=machine_learning"
-    )
+    query = f"viewStateShareKey={VIEW}&compareRunsMode=CHART&workflowType=machine_learning"
+    return f"#/experiments/{experiment}/runs?{query}"
 
 
 def tag_value() -> str:
     """The view as MLflow keeps it (at most 5000 characters): columns, order, and the curves of AP before all others."""
     sections, charts = [], []
     for title, metrics in CHARTS.items():
-        sections.append({"uuid": title, "name": title, "display": True, "isReordered": False, "deleted": False})
+        sections.append(
+            {"uuid": title, "name": title, "display": True, "isReordered": False, "deleted": False}
+        )
         charts += [_curve(title, metric) for metric in metrics]
     columns = [f"tags.`{name}`" for name in TAGS] + [f"metrics.`{name}`" for name in APS]
     state = {
@@ -39,7 +40,9 @@ def tag_value() -> str:
         "compareRunSections": sections,
         "compareRunCharts": charts,
     }
-    return json.dumps({"name": "AP of every trial", "createdAt": 0, "updatedAt": 0, "state": json.dumps(state)})
+    return json.dumps(
+        {"name": "AP of every trial", "createdAt": 0, "updatedAt": 0, "state": json.dumps(state)}
+    )
 
 
 def _curve(section: str, metric: str) -> dict[str, object]:

@@ -1,0 +1,1 @@
+"""Scores in MLflow; no other room knows MLflow."""

@@ -1,0 +1,264 @@
+"""The store in MLflow: one experiment a sweep, one flat run a trial, every score once.
+
+MLflow appends metrics and never overwrites them. A score carries the time its checkpoint was made, so a score that
+is logged again is the same row, and the store keeps it once. A store that cannot be reached raises ``StoreDown``;
+every call may be made again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fl3d.store.mlflow.connection import (  # before MLflow: it sets its environment
+    GuardedClient,
+    database_url,
+    outages,
+)
+
+# isort: split
+import mlflow
+import pandas as pd
+import sqlalchemy as sa
+from mlflow import MlflowClient
+from mlflow.entities import Dataset, DatasetInput, InputTag, LoggedModel, Metric, Param, RunTag
+from mlflow.exceptions import MlflowException
+
+from fl3d.core.errors import StoreError
+from fl3d.core.leases import leased
+from fl3d.store.base import RunStatus, Scored, Store
+from fl3d.store.mlflow.reading import read_database, read_server
+from fl3d.store.mlflow.view import TAG as VIEW_TAG
+from fl3d.store.mlflow.view import link, tag_value
+
+PARAMS_BATCH = 100  # MLflow takes no more parameters in one request
+TRIAL_TAG = "fl3d.trial"
+PROTOCOL_TAG = "fl3d.protocol"
+STORE_TAG = "fl3d.store"
+COLUMNS = {f"tags.{TRIAL_TAG}": "trial", f"tags.{PROTOCOL_TAG}": "protocol", "run_uuid": "run"}
+RENAMED = {
+    "fl3d.commit": "mlflow.source.git.commit"
+}  # MLflow's own name: its UI shows it as the source
+STATUSES = {
+    RunStatus.RUNNING: "RUNNING",
+    RunStatus.DONE: "FINISHED",
+    RunStatus.FAILED: "FAILED",
+    RunStatus.STOPPED: "KILLED",
+}
+POSSIBLE = "sqlite:///FILE, postgresql://USER@HOST/NAME, http://HOST:PORT (an MLflow server)"
+SCHEMA_LOCK = 0x666C3364  # of PostgreSQL, while MLflow makes its tables
+
+
+class MlflowStore(Store):
+    """An MLflow tracking store.
+
+    Args:
+        root: folder of the stages, of the default store and of its artifacts.
+        uri: a database (``postgresql://...``, ``sqlite:///...``) or an MLflow server (``http://...``); None:
+            ``root/mlflow.db``.
+
+    Raises:
+        StoreError: the URI is neither.
+    """
+
+    def __init__(self, root: Path, uri: str | None = None) -> None:
+        self.root = root.absolute()
+        self.uri = database_url(uri or f"sqlite:///{self.root / 'mlflow.db'}")
+        if not self.uri.startswith(("sqlite:///", "postgresql", "http://", "https://")):
+            raise StoreError(f"store.uri: '{self.uri}' is no store. Possible: {POSSIBLE}")
+
+    @property
+    def exists(self) -> bool:
+        """Whether the default store has been made; a named one is taken to exist."""
+        return (
+            not self.uri.startswith("sqlite:") or Path(self.uri.removeprefix("sqlite:///")).exists()
+        )
+
+    @property
+    def is_for_one_machine(self) -> bool:
+        """SQLite's journal lies in one machine's memory: two that write to it over a shared folder destroy it."""
+        return self.uri.startswith("sqlite:")
+
+    @property
+    def is_server(self) -> bool:
+        """Whether it is an MLflow server."""
+        return self.uri.startswith("http")
+
+    def open(self) -> None:
+        """Make the store if need be, and a client of it; several processes may do so at once.
+
+        Raises:
+            StoreDown: it cannot be reached.
+        """
+        logging.getLogger("mlflow.store.db.utils").setLevel(
+            logging.CRITICAL
+        )  # tracebacks of what is raised anyway
+        mlflow.set_tracking_uri(self.uri)
+        self.client: Any = GuardedClient(MlflowClient)
+        with outages(), self._alone():
+            self.client.connect(self.uri)
+
+    @contextlib.contextmanager
+    def _alone(self) -> Iterator[None]:
+        """One process at a time: several that make MLflow's tables together destroy a SQLite store."""
+        if self.uri.startswith("postgresql"):
+            with sa.create_engine(self.uri).connect() as connection:
+                connection.execute(sa.text(f"SELECT pg_advisory_lock({SCHEMA_LOCK})"))
+                yield
+        elif self.uri.startswith("sqlite"):
+            path = Path(self.uri.removeprefix("sqlite:///"))
+            with (
+                leased(path.with_name(f".{path.name}.lease")),
+                sa.create_engine(self.uri).connect() as connection,
+            ):
+                connection.execute(sa.text("PRAGMA journal_mode=WAL"))
+                yield
+        else:
+            yield
+
+    def experiment(self, name: str, note: str) -> str:
+        found = self.client.get_experiment_by_name(name)
+        if found is None:
+            location = None if self.is_server else (self.root / "artifacts" / name).as_uri()
+            try:
+                return str(
+                    self.client.create_experiment(name, location, {"mlflow.note.content": note})
+                )
+            except MlflowException as error:
+                found = self.client.get_experiment_by_name(name)
+                if (
+                    found is None or error.error_code != "RESOURCE_ALREADY_EXISTS"
+                ):  # made by another just now
+                    raise
+        if found.lifecycle_stage == "deleted":
+            self.client.restore_experiment(found.experiment_id)
+        self.client.set_experiment_tag(found.experiment_id, "mlflow.note.content", note)
+        return str(found.experiment_id)
+
+    def views(self) -> dict[str, str]:
+        """Name and link, from the UI's root, of each experiment, each with a view of what matters."""
+        found = [one for one in self.client.search_experiments() if one.name != "Default"]
+        for one in found:
+            self.client.set_experiment_tag(one.experiment_id, VIEW_TAG, tag_value())
+        return {
+            one.name: link(one.experiment_id)
+            for one in sorted(found, key=lambda one: str(one.name))
+        }
+
+    def run(
+        self,
+        experiment: str,
+        trial: str,
+        protocol: str,
+        name: str,
+        tags: Mapping[str, str],
+        params: Mapping[str, object],
+    ) -> str:
+        identity = {TRIAL_TAG: trial, PROTOCOL_TAG: protocol, STORE_TAG: self.id}
+        query = " and ".join(f"tags.`{key}` = '{value}'" for key, value in identity.items())
+        found = self.client.search_runs([experiment], query, max_results=1)
+        own = {**identity, **_renamed(tags)}
+        run = found[0] if found else self.client.create_run(experiment, tags=own, run_name=name)
+        # A process that was killed right here leaves a run without some of its parameters.
+        items = [
+            Param(key, str(value)) for key, value in params.items() if key not in run.data.params
+        ]
+        for start in range(0, len(items), PARAMS_BATCH):
+            self.client.log_batch(
+                run.info.run_id, params=items[start : start + PARAMS_BATCH], synchronous=True
+            )
+        if run.info.status not in ("RUNNING", "FINISHED"):
+            self.client.update_run(run.info.run_id, status="RUNNING")
+        return str(run.info.run_id)
+
+    def log(self, run: str, scored: Scored) -> None:
+        self._log(run, scored)
+
+    def _log(
+        self,
+        run: str,
+        scored: Scored,
+        model: str | None = None,
+        dataset: tuple[str | None, str | None] = (None, None),
+    ) -> None:
+        """Log one checkpoint's metrics in one transaction, for the run and, if given, for a logged model."""
+        metrics = [
+            Metric(key, value, scored.time_ms, scored.step, model, *dataset)
+            for key, value in scored.values.items()
+        ]
+        self.client.log_batch(run, metrics=metrics, synchronous=True)
+
+    def logged_steps(self, run: str) -> set[int]:
+        return {m.step for m in self.client.get_metric_history(run, "ap_3d/moderate")}
+
+    def link_dataset(self, run: str, name: str, digest: str, root: Path) -> None:
+        if self.client.get_run(run).inputs.dataset_inputs:
+            return
+        dataset = Dataset(name, digest, "local", json.dumps({"uri": root.absolute().as_uri()}))
+        self.client.log_inputs(
+            run, [DatasetInput(dataset, [InputTag("mlflow.data.context", "validation")])]
+        )
+
+    def log_model(
+        self,
+        experiment: str,
+        run: str,
+        name: str,
+        files: Sequence[Path],
+        tags: Mapping[str, str],
+        scored: Scored,
+        dataset: tuple[str, str],
+    ) -> str:
+        query = f"source_run_id = '{run}' AND name = '{name}'"
+        for model in self.client.search_logged_models([experiment], query):
+            is_same = all(model.tags.get(k) == v for k, v in tags.items())
+            if is_same and str(model.status) == "READY":
+                return str(model.model_id)
+            self.client.delete_logged_model(model.model_id)
+        made: LoggedModel = self.client.create_logged_model(
+            experiment, name=name, source_run_id=run, tags=dict(tags), model_type="detector"
+        )
+        for file in files:
+            self.client.log_model_artifact(made.model_id, str(file))
+        self._log(run, scored, str(made.model_id), dataset)
+        self.client.finalize_logged_model(made.model_id, "READY")
+        return str(made.model_id)
+
+    def log_files(self, run: str, files: Iterable[Path], folder: str) -> None:
+        for file in files:
+            self.client.log_artifact(run, str(file), folder)
+
+    def set_tags(self, run: str, tags: Mapping[str, str]) -> None:
+        every = [RunTag(key, value) for key, value in _renamed(tags).items()]
+        self.client.log_batch(run, tags=every, synchronous=True)
+
+    def is_finished(self, run: str) -> bool:
+        return str(self.client.get_run(run).info.status) == STATUSES[RunStatus.DONE]
+
+    def end(self, run: str, status: RunStatus) -> None:
+        if self.client.get_run(run).info.status != STATUSES[status]:
+            self.client.set_terminated(run, STATUSES[status])
+
+    def read(self, experiment_name: str) -> pd.DataFrame:
+        if not self.exists:
+            return pd.DataFrame()
+        tag = (STORE_TAG, self.id)
+        columns = [column for column in COLUMNS if column.startswith("tags.")]
+        with outages():
+            if not self.is_server:
+                found = read_database(self.uri, experiment_name, tag, columns)
+            else:
+                self.open()
+                experiment = self.client.get_experiment_by_name(experiment_name)
+                if experiment is None:
+                    return pd.DataFrame()
+                found = read_server(self.client, experiment.experiment_id, tag, columns)
+        return found.rename(columns=COLUMNS)
+
+
+def _renamed(tags: Mapping[str, str]) -> dict[str, str]:
+    return {RENAMED.get(key, key): value for key, value in tags.items()}
