@@ -1,1 +1,1 @@
-"""One stage: from a parent checkpoint, or from nothing, to its last epoch."""
+"""One stage: from a parent checkpoint, or from scratch, to its last epoch."""

@@ -6,20 +6,12 @@ from typing import Any
 
 import torch
 
-from fl3d.config import build
+from fl3d.config.objects import build
+from fl3d.core.records import Config
 from fl3d.data.augment import Augmentation
 from fl3d.detectors.base import Detector
-from fl3d.evaluation.protocol import Protocol
-from fl3d.records import Config
 from fl3d.training.rates import OneCycle, StepDecay
 from fl3d.training.trainer import Schedule
-
-
-def build_detector(config: Config) -> Detector:
-    """The network of a stage, with fresh weights from torch's generator."""
-    detector = build(config["detector"], "detector", loss=build(config["loss"], "loss"))
-    assert isinstance(detector, Detector), f"detector._target_ must name a Detector, not {type(detector).__name__}"
-    return detector
 
 
 def build_optimizer(config: Config, detector: Detector) -> torch.optim.Optimizer:
@@ -37,15 +29,10 @@ def build_augmentation(config: Config) -> Augmentation | None:
     return augmentation
 
 
-def build_schedule(config: Config, machine: Config) -> Schedule:
-    """The schedule of a stage."""
+def build_schedule(config: Config, save_every_steps: int | None = None) -> Schedule:
+    """The schedule of a stage, with resume points every so many steps."""
     values: dict[str, Any] = dict(config["schedule"])
     own = values.pop("stage")
     for key, kind in (("one_cycle", OneCycle), ("decay", StepDecay)):
         values[key] = None if values[key] is None else kind(**values[key])
-    return Schedule(lr_factor=own["lr_factor"], save_every_steps=machine["save_every_steps"], **values)
-
-
-def build_protocol(values: Config) -> Protocol:
-    """The protocol that checkpoints are scored under."""
-    return Protocol(**values)
+    return Schedule(lr_factor=own["lr_factor"], save_every_steps=save_every_steps, **values)

@@ -1,4 +1,4 @@
-"""How learning rates change over a stage: functions of where it stands, so that an interrupted one goes on alike."""
+"""How learning rates change over a stage: functions of where it stands, so that an interrupted one resumes alike."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import cos, pi
 from typing import Any
 
-from fl3d.errors import ConfigError
+from fl3d.core.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,13 @@ class OneCycle:
 
     def __post_init__(self) -> None:
         if not 0 < self.rise < 1:
-            raise ConfigError(f"schedule.one_cycle.rise: {self.rise} is not a share between 0 and 1")
+            raise ConfigError(
+                f"schedule.one_cycle.rise: {self.rise} is not a share between 0 and 1"
+            )
         if not all(0 <= value < 1 for value in self.momentum):
-            raise ConfigError(f"schedule.one_cycle.momentum: {list(self.momentum)} are not two numbers in [0, 1)")
+            raise ConfigError(
+                f"schedule.one_cycle.momentum: {list(self.momentum)} are not two numbers in [0, 1)"
+            )
 
     def factor(self, progress: float) -> float:
         """Of the learning rate, where a share of the stage is done."""
@@ -73,7 +77,9 @@ class StepDecay:
 
     def __post_init__(self) -> None:
         if self.every < 1 or not 0 < self.factor <= 1:
-            raise ConfigError(f"schedule.decay: every {self.every} epochs by {self.factor} is no decay")
+            raise ConfigError(
+                f"schedule.decay: every {self.every} epochs by {self.factor} is no decay"
+            )
 
     def of(self, epoch: int) -> float:
         """Factor after so many epochs of the stage."""

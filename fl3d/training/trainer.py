@@ -7,21 +7,20 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-import numpy as np
 import torch
 from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
+from fl3d.core.errors import CheckpointError, TrainingError
+from fl3d.core.records import Stage
 from fl3d.data.augment import Augmentation
 from fl3d.data.dataset import Frames, epoch_order
-from fl3d.detectors.base import Batch, Detector, Found, Sample
-from fl3d.errors import CheckpointError, TrainingError
-from fl3d.evaluation.detections import Detections
-from fl3d.records import Stage
-from fl3d.training.checkpoints import State
-from fl3d.training.precision import multiplying
+from fl3d.detectors.base import Batch, Detector, Sample
+from fl3d.inference.detect import to_device
+from fl3d.inference.precision import multiplying
+from fl3d.inference.reproducibility import random_state, sample_generator, set_random_state
+from fl3d.runs.checkpoints import State
 from fl3d.training.rates import OneCycle, StepDecay
-from fl3d.training.reproducibility import random_state, sample_generator, set_random_state
 
 VERSION = 1  # raised whenever the same stage would train to other bits
 
@@ -63,13 +62,17 @@ Draw = tuple[int, int, int]  # of a sample: epoch, position in it, frame
 class _Samples(Dataset[Sample]):
     """Encoded frames, by epoch, position in it and frame; randomness comes from the first two."""
 
-    def __init__(self, detector: Detector, frames: Frames, seed: int, augment: Augmentation | None) -> None:
+    def __init__(
+        self, detector: Detector, frames: Frames, seed: int, augment: Augmentation | None
+    ) -> None:
         self.detector, self.frames, self.seed, self.augment = detector, frames, seed, augment
 
     def __getitem__(self, draw: Draw) -> Sample:
         epoch, position, index = draw
         rng = sample_generator(self.seed, epoch, position)
-        frame = self.frames[index] if self.augment is None else self.augment(self.frames, index, rng)
+        frame = (
+            self.frames[index] if self.augment is None else self.augment(self.frames, index, rng)
+        )
         return self.detector.encode(frame, rng, training=True)
 
 
@@ -89,19 +92,6 @@ class Averages:
     def means(self) -> dict[str, float]:
         """Mean of each term since the start."""
         return {name: value / self.count for name, value in self.sums.items()}
-
-
-class _Looks(Dataset[Sample]):
-    """Encoded frames in order, without targets."""
-
-    def __init__(self, detector: Detector, frames: Frames) -> None:
-        self.detector, self.frames = detector, frames
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def __getitem__(self, i: int) -> Sample:
-        return self.detector.encode(self.frames[i], np.random.default_rng([0, i]), training=False)
 
 
 class Trainer:
@@ -129,7 +119,12 @@ class Trainer:
         workers: int = 0,
         augment: Augmentation | None = None,
     ) -> None:
-        self.stage, self.detector, self.optimizer, self.schedule = stage, detector, optimizer, schedule
+        self.stage, self.detector, self.optimizer, self.schedule = (
+            stage,
+            detector,
+            optimizer,
+            schedule,
+        )
         self.frames, self.device, self.workers, self.augment = frames, device, workers, augment
         self.seed: int = stage.config["seed"]
         self.precision: str = stage.config["precision"]
@@ -159,16 +154,29 @@ class Trainer:
         Raises:
             CheckpointError: it is of another network.
         """
-        own = [{k: v for k, v in g.items() if k not in ("params", "lr")} for g in self.optimizer.param_groups]
-        new = [key for key in self.detector.state_dict() if key not in state["model"]] if is_parents else []
+        own = [
+            {k: v for k, v in g.items() if k not in ("params", "lr")}
+            for g in self.optimizer.param_groups
+        ]
+        new = (
+            [key for key in self.detector.state_dict() if key not in state["model"]]
+            if is_parents
+            else []
+        )
         try:
-            self.detector.load_state_dict(state["model"] | {key: self.detector.state_dict()[key] for key in new})
+            self.detector.load_state_dict(
+                state["model"] | {key: self.detector.state_dict()[key] for key in new}
+            )
             if not new:
                 self.optimizer.load_state_dict(state["optimizer"])
         except (RuntimeError, ValueError, KeyError) as error:
-            raise CheckpointError(f"{self.stage.key}: the checkpoint is of another network: {error}") from None
+            raise CheckpointError(
+                f"{self.stage.key}: the checkpoint is of another network: {error}"
+            ) from None
         for group, values in zip(self.optimizer.param_groups, own, strict=True):
-            group.update(values)  # moments come from the checkpoint, settings from this stage's config
+            group.update(
+                values
+            )  # moments come from the checkpoint, settings from this stage's config
         set_random_state(state["random"], self.device)
         self.step = state["step"]
         self.averages = Averages(**state["averages"])
@@ -238,69 +246,15 @@ class Trainer:
         total = torch.stack(list(terms.values())).sum()
         if not torch.isfinite(total):
             values = {name: float(value.detach()) for name, value in terms.items()}
-            raise TrainingError(f"{self.stage.key}: the loss is not finite at step {self.step + 1}: {values}")
+            raise TrainingError(
+                f"{self.stage.key}: the loss is not finite at step {self.step + 1}: {values}"
+            )
         self.optimizer.zero_grad()
         total.backward()  # type: ignore[no-untyped-call]
         if self.schedule.clip is not None:
             nn.utils.clip_grad_norm_(self.detector.parameters(), self.schedule.clip)
         self.optimizer.step()
         self.step += 1
-        self.averages.add({"total": float(total.detach())} | {k: float(v.detach()) for k, v in terms.items()})
-
-
-def to_device(batch: Batch, device: str) -> Batch:
-    """Move a batch; the CPU's own stays as it is."""
-    return batch if device == "cpu" else {k: v.to(device, non_blocking=True) for k, v in batch.items()}
-
-
-def detect_frames(
-    detector: Detector,
-    frames: Frames,
-    max_boxes: int,
-    min_score: float,
-    device: str = "cpu",
-    precision: str = "float32",
-    batch_size: int = 1,
-    workers: int = 0,
-    after_batch: Callable[[], None] = lambda: None,
-) -> Detections:
-    """Run a detector over frames in evaluation mode; the random states of training are not touched.
-
-    Args:
-        detector: the network.
-        frames: validation frames.
-        max_boxes: stored per frame.
-        min_score: stored above.
-        device: of the network.
-        precision: see ``precision.PRECISIONS``.
-        batch_size: frames at once.
-        workers: loader processes; 0 loads in this one.
-        after_batch: called after each batch, to show progress.
-    """
-    detector.eval()
-    found: list[Found] = []
-    started = time.monotonic()
-    loader = DataLoader(
-        _Looks(detector, frames),
-        batch_size,
-        collate_fn=detector.collate,
-        num_workers=workers,
-        generator=torch.Generator(),  # its own, see ``Trainer._loader``
-    )
-    for batch in loader:
-        with multiplying(precision, device):
-            found += detector.detect(to_device(batch, device), max_boxes, min_score)
-        if time.monotonic() - started > 1:
-            started = time.monotonic()
-            after_batch()
-    counts = [len(f.scores) for f in found]
-    images = [f.boxes_image for f in found if f.boxes_image is not None]
-    if images and sum(map(len, images)) != sum(counts):
-        raise TrainingError(f"{detector.NAME}: boxes of some frames have 2D boxes of their own, of others none")
-    return Detections(
-        frames.ids,
-        np.repeat(np.arange(len(found)), counts),
-        np.concatenate([f.boxes_velo for f in found]),
-        np.concatenate([f.scores for f in found]),
-        np.concatenate(images) if images else None,
-    )
+        self.averages.add(
+            {"total": float(total.detach())} | {k: float(v.detach()) for k, v in terms.items()}
+        )

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fl3d.training.precision import set_precision
+from fl3d.inference.precision import set_precision
 
 
 def prepare(seed: int, device: str, precision: str = "float32") -> None:

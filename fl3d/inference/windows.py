@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,16 +10,14 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from fl3d.core.files import write_atomically
 from fl3d.data.dataset import Frames
-from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.base import Detector
-from fl3d.files import write_atomically
-from fl3d.records import Stage, StagePaths
-from fl3d.training.build import build_detector
-from fl3d.training.checkpoints import load_state
-from fl3d.training.precision import multiplying
-from fl3d.training.reproducibility import prepare
-from fl3d.training.trainer import to_device
+from fl3d.inference.detect import to_device
+from fl3d.inference.load import load
+from fl3d.inference.precision import multiplying
+from fl3d.runs.layout import RunFolder
+from fl3d.runs.spec import read_spec
 
 POSITIVES, NEGATIVES = 100_000, 10_000_000  # sampled at most (paper, §VI-B)
 
@@ -40,15 +37,15 @@ class Windows:
     frames: int
 
 
-def windows_of(paths: StagePaths, step: int) -> Windows:
+def windows_of(folder: RunFolder, step: int) -> Windows:
     """Windows of a checkpoint; the network is run once, and what it says is kept beside the detections.
 
     Raises:
         CheckpointError: the weights cannot be read.
     """
-    path = paths.folder / "windows" / f"{step:08d}.npz"
+    path = folder.windows(step)
     if not path.exists():
-        found = _run(paths, step)
+        found = _run(folder, step)
         write_atomically(path, lambda temporary: _save(temporary, found))
     with np.load(path) as stored:
         return Windows(stored["positive"], stored["negative"], int(stored["frames"]))
@@ -56,20 +53,19 @@ def windows_of(paths: StagePaths, step: int) -> Windows:
 
 def _save(path: Path, found: Windows) -> None:
     with path.open("wb") as file:
-        np.savez_compressed(file, positive=found.positive, negative=found.negative, frames=np.array(found.frames))
+        np.savez_compressed(
+            file, positive=found.positive, negative=found.negative, frames=np.array(found.frames)
+        )
 
 
-def _run(paths: StagePaths, step: int) -> Windows:
-    spec = json.loads(paths.spec.read_text())
-    stage, machine = Stage(**spec["stage"]), spec["machine"]
-    device = machine["device"] if torch.cuda.is_available() else "cpu"  # trained elsewhere, perhaps
-    precision = stage.config.get("precision", "float32")
-    prepare(stage.config["seed"], device, precision)
-    data = stage.config["data"]
-    frames = Frames(KittiFolder(Path(machine["data_root"]), data["crop"], data["calibration"]), machine["val_ids"], 0)
-    detector = build_detector(stage.config).to(device)
-    detector.load_state_dict(load_state(paths.weights(step))["model"])
-    with multiplying(precision, device):
+def _run(folder: RunFolder, step: int) -> Windows:
+    spec = read_spec(folder)
+    device = (
+        spec.machine.device if torch.cuda.is_available() else "cpu"
+    )  # trained elsewhere, perhaps
+    frames = Frames(spec.kitti(), spec.machine.val_ids, 0)
+    detector = load(folder, step, device)
+    with multiplying(spec.settings.precision, device):
         return collect_windows(detector, frames, device)
 
 
@@ -95,7 +91,9 @@ def collect_windows(
     positives, negatives = [], []
     for i in tqdm(range(len(frames)), desc="windows", unit="frame", leave=False, disable=None):
         rng = np.random.default_rng([0, i])
-        batch = to_device(detector.collate([detector.encode(frames[i], rng, training=True)]), device)
+        batch = to_device(
+            detector.collate([detector.encode(frames[i], rng, training=True)]), device
+        )
         positive, negative = (logits.float().cpu().numpy() for logits in detector.windows(batch))
         positives.append(positive)
         negatives.append(_sample(negative, limit, rng))
@@ -103,5 +101,7 @@ def collect_windows(
     return Windows(every, np.concatenate(negatives), len(frames))
 
 
-def _sample(values: NDArray[np.float32], limit: int, rng: np.random.Generator) -> NDArray[np.float32]:
+def _sample(
+    values: NDArray[np.float32], limit: int, rng: np.random.Generator
+) -> NDArray[np.float32]:
     return values if len(values) <= limit else rng.choice(values, limit, replace=False)

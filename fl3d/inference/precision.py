@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
+
+# The backward pass of bfloat16 convolutions ends in a segmentation fault on processors with AMX (torch 2.13.0, seen on
+# a Xeon with amx_bf16): oneDNN is kept to AVX-512, which has bfloat16 too. It reads this at its first primitive.
+os.environ.setdefault("ONEDNN_MAX_CPU_ISA", "AVX512_CORE_FP16")
+
 import torch
 
-from fl3d.errors import ConfigError, options
+from fl3d.core.errors import ConfigError, options
 
 PRECISIONS = ("float32", "tf32", "bf16")
 
@@ -18,7 +24,9 @@ def check_precision(precision: str, device: str) -> None:
     if precision not in PRECISIONS:
         raise ConfigError(f"precision: no choice '{precision}'. {options(precision, PRECISIONS)}")
     if precision == "tf32" and device == "cpu":
-        raise ConfigError("precision: tf32 is a mode of CUDA devices; with device=cpu there are float32 and bf16")
+        raise ConfigError(
+            "precision: tf32 is a mode of CUDA devices; with device=cpu there are float32 and bf16"
+        )
 
 
 def set_precision(precision: str) -> None:
@@ -32,4 +40,6 @@ def set_precision(precision: str) -> None:
 
 def multiplying(precision: str, device: str) -> torch.autocast:
     """A context in which convolutions and matrix products are of this precision."""
-    return torch.autocast(torch.device(device).type, dtype=torch.bfloat16, enabled=precision == "bf16")
+    return torch.autocast(
+        torch.device(device).type, dtype=torch.bfloat16, enabled=precision == "bf16"
+    )

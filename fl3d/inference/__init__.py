@@ -1,0 +1,1 @@
+"""Run trained detectors: load a checkpoint, detect, collect windows."""

@@ -1,0 +1,261 @@
+"""Run a trained detector on anybody's clouds: KITTI result files, and a picture of each cloud."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+from tqdm import tqdm
+
+from fl3d.config.settings import StageSettings
+from fl3d.core.errors import CheckpointError, ConfigError, DataError
+from fl3d.core.files import write_atomically
+from fl3d.data.calibration import MEAN, Calibration, read_calibration
+from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
+from fl3d.data.kitti import IMAGE_SIZE, Frame, read_cloud
+from fl3d.data.labels import Labels, labels_from_columns, read_labels, write_labels
+from fl3d.detectors.base import Detector
+from fl3d.evaluation.detections import to_labels
+from fl3d.evaluation.protocol import Protocol
+from fl3d.inference.detect import to_device
+from fl3d.inference.load import load
+from fl3d.inference.precision import multiplying
+from fl3d.reports.figures.boxes import Scene, boxes_of_models
+from fl3d.runs.layout import RunFolder
+from fl3d.runs.spec import read_spec
+
+# Where the clouds of a folder are looked for.
+PLACES = ("velodyne", "training/velodyne", "testing/velodyne", ".")
+# What may lie beside a folder velodyne.
+ENDINGS = {"calib": "txt", "image_2": "png", "label_2": "txt"}
+
+
+def predict(
+    checkpoint: Path,
+    clouds: Path,
+    out: Path,
+    *,
+    score: float = 0.5,
+    calibration: Path | None = None,
+    device: str = "cpu",
+    pictures: bool = True,
+    say: Callable[[str], None] = print,
+) -> list[Path]:
+    """Write what a checkpoint detects in clouds.
+
+    Args:
+        checkpoint: a stage's folder (its last checkpoint), or one of its ``.pt`` files.
+        clouds: a ``.bin`` file of KITTI's format, a folder of them, or a KITTI folder. Beside a
+            folder ``velodyne``, ``calib``, ``image_2`` and ``label_2`` are used where they are.
+        out: folder of the result files ``ID.txt``, and of pictures ``ID.png``.
+        score: posterior from which on a box is written.
+        calibration: of all clouds that have none of their own; None: the mean of KITTI's training
+            set.
+        device: torch's name of it.
+        pictures: whether to draw.
+        say: prints a line for the user.
+
+    Returns:
+        the result files.
+
+    Raises:
+        CheckpointError: no checkpoint there, or one of a version whose network this one does not
+            build.
+        DataError: no clouds there, or one cannot be read.
+        ConfigError: a device that is not there, or a score that is no posterior.
+    """
+    folder, step = find_checkpoint(checkpoint)
+    _check_device(device)
+    files = find_clouds(clouds.resolve())
+    spec = read_spec(folder)
+    protocol = replace(spec.machine.protocol, score_threshold=score, image_box="clipped")
+    reader = CloudReader(spec.settings.crop, calibration)
+    detector = load(folder, step, device)
+    say(f"{detector.NAME}, {folder.key}, step {step}: {len(files)} clouds into {out}")
+    written = []
+    n_without = 0
+    for file in tqdm(files, unit="cloud", disable=None):
+        cloud = reader.read(file)
+        n_without += not cloud.is_calibrated
+        found = detect_labels(detector, cloud.frame, protocol, spec.settings, device=device)
+        written.append(_write(out, cloud.frame.id, found))
+        if pictures:
+            _draw(detector.NAME, cloud, found, protocol, out)
+    if n_without:
+        used = calibration or "the mean of KITTI's training set"
+        say(f"{n_without} clouds have no calibration of their own: {used} was taken for them")
+    return written
+
+
+def find_checkpoint(path: Path) -> tuple[RunFolder, int]:
+    """The stage and the step of a checkpoint whose weights are there.
+
+    Args:
+        path: a stage's folder, for its last one, or a ``.pt`` file in it.
+
+    Raises:
+        CheckpointError: there is none; the message lists those that are there.
+    """
+    folder = RunFolder(path if path.is_dir() else path.parent.parent)
+    if not folder.spec.exists():
+        raise CheckpointError(
+            f"{path}: no stage's folder, such as runs/stages/NAME, and no .pt file in one"
+        )
+    steps = [step for step in folder.steps() if folder.weights(step).exists()]
+    named = [step for step in steps if folder.weights(step).name == path.name]
+    wanted = steps[-1:] if path.is_dir() else named
+    if not wanted:
+        possible = ", ".join(str(folder.weights(step)) for step in steps) or "none"
+        raise CheckpointError(f"{path}: no weights. Possible: {possible}")
+    return folder, wanted[0]
+
+
+def find_clouds(path: Path) -> list[Path]:
+    """Files of clouds: the file itself, or those of a folder.
+
+    Raises:
+        DataError: the folder holds none.
+    """
+    if path.is_file():
+        return [path]
+    for place in PLACES:
+        files = sorted((path / place).glob("*.bin"))
+        if files:
+            return files
+    raise DataError(f"no cloud (*.bin), here or in {', '.join(PLACES[:-1])}", path)
+
+
+@torch.no_grad()
+def detect_labels(
+    detector: Detector,
+    frame: Frame,
+    protocol: Protocol,
+    settings: StageSettings,
+    *,
+    device: str = "cpu",
+) -> Labels:
+    """What a detector detects in one frame, as a result file says it.
+
+    Args:
+        detector: in evaluation mode, on the device.
+        frame: whose labels are not used.
+        protocol: cut, suppression and 2D box.
+        settings: of the detector's stage.
+        device: torch's name of it.
+    """
+    sample = detector.encode(frame, np.random.default_rng([0, 0]), training=False)
+    batch = to_device(detector.collate([sample]), device)
+    least = min(settings.min_score, protocol.score_threshold)
+    with multiplying(settings.precision, device):
+        (found,) = detector.detect(batch, settings.max_boxes, least)
+    return to_labels(
+        found.boxes_velo,
+        found.scores,
+        found.boxes_image,
+        calibration=frame.calibration,
+        image_size=frame.image_size,
+        protocol=protocol,
+    )
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A cloud with what lies beside it.
+
+    Args:
+        frame: its points, and labels where there are any.
+        image: (H, W, 3), or None.
+        is_calibrated: whether the calibration is its own.
+    """
+
+    frame: Frame
+    image: NDArray[np.uint8] | None
+    is_calibrated: bool
+
+
+class CloudReader:
+    """Reads clouds with what lies beside them.
+
+    Args:
+        crop: see ``data.kitti.KittiFolder``.
+        calibration: of clouds that have none of their own; None: the mean of KITTI's training set.
+
+    Raises:
+        DataError: the calibration cannot be read.
+    """
+
+    def __init__(self, crop: str, calibration: Path | None) -> None:
+        self.crop = crop
+        self.calibration = MEAN if calibration is None else read_calibration(calibration)
+        self._image_boxes: dict[Path, ImageBoxes | None] = {}
+
+    def read(self, file: Path) -> Cloud:
+        """Read one cloud.
+
+        Raises:
+            DataError: it, or a file beside it, cannot be read.
+        """
+        calib = _beside(file, "calib")
+        is_calibrated = file.parent.name == "velodyne" and calib.exists()
+        # Without a calibration of its own, pictures and labels cannot be laid over a cloud.
+        if not is_calibrated:
+            frame = self._frame(file, self.calibration, IMAGE_SIZE)
+            return Cloud(frame, image=None, is_calibrated=False)
+        image = _read_image(_beside(file, "image_2"))
+        size = IMAGE_SIZE if image is None else (image.shape[1], image.shape[0])
+        frame = self._frame(file, read_calibration(calib), size)
+        labels = _beside(file, "label_2")
+        if labels.exists():
+            frame = replace(frame, labels=read_labels(labels))
+        frame = replace(frame, image_boxes=self._image_boxes_of(file))
+        return Cloud(frame, image, is_calibrated=True)
+
+    def _frame(self, file: Path, calibration: Calibration, size: tuple[int, int]) -> Frame:
+        points = read_cloud(file)
+        if self.crop == "image":
+            points = points[calibration.in_image(points, size)]
+        no_labels = labels_from_columns([], np.zeros((0, 14)), scored=False)
+        return Frame(file.stem, points, calibration, labels=no_labels, image_size=size)
+
+    def _image_boxes_of(self, file: Path) -> NDArray[np.float64] | None:
+        """What a 2D detector found in the frame's picture; None where none was run."""
+        root = file.parent.parent.parent
+        if root not in self._image_boxes:
+            self._image_boxes[root] = read_image_boxes(root)
+        every = self._image_boxes[root]
+        return None if every is None else every.get(file.stem, np.zeros((0, 5)))
+
+
+def _beside(file: Path, kind: str) -> Path:
+    return file.parent.parent / kind / f"{file.stem}.{ENDINGS[kind]}"
+
+
+def _read_image(path: Path) -> NDArray[np.uint8] | None:
+    if not path.exists():
+        return None
+    with Image.open(path) as opened:
+        return np.asarray(opened.convert("RGB"))
+
+
+def _check_device(device: str) -> None:
+    has_cuda = torch.cuda.is_available()
+    if device != "cpu" and not (device.startswith("cuda") and has_cuda):
+        possible = "cpu, cuda" if has_cuda else "cpu"
+        raise ConfigError(f"--device {device}: possible here: {possible}")
+
+
+def _write(folder: Path, name: str, found: Labels) -> Path:
+    path = folder / f"{name}.txt"
+    write_atomically(path, lambda temporary: write_labels(temporary, found))
+    return path
+
+
+def _draw(detector: str, cloud: Cloud, found: Labels, protocol: Protocol, folder: Path) -> None:
+    frame = cloud.frame
+    scenes = {f"{detector}, {frame.id}": [Scene(frame, cloud.image, found)]}
+    boxes_of_models(scenes, protocol.ignore_beyond, folder / frame.id, endings=(".png",))

@@ -1,0 +1,259 @@
+"""Run one stage from its folder: what every launcher starts, in whatever process."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing as mp
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from fl3d.core.digests import file_digest
+from fl3d.core.errors import CheckpointError, ConfigError, Fl3dError
+from fl3d.core.files import write_text
+from fl3d.core.leases import Lease, leased
+from fl3d.core.records import Checkpoint
+from fl3d.data.dataset import Frames, frames_with
+from fl3d.evaluation.detections import read_validation, write_detections
+from fl3d.inference.detect import detect_frames
+from fl3d.inference.load import build_detector
+from fl3d.inference.reproducibility import prepare
+from fl3d.inference.scores import scores_of
+from fl3d.runs.checkpoints import (
+    State,
+    last_state,
+    load_state,
+    read_marker,
+    save_state,
+    write_marker,
+)
+from fl3d.runs.layout import RunFolder
+from fl3d.runs.spec import read_spec, write_done, write_progress
+from fl3d.training.build import build_augmentation, build_optimizer, build_schedule
+from fl3d.training.trainer import Averages, Schedule, Trainer
+
+PROGRESS_SECONDS = 1.0
+CUDA_WORKERS = 4  # loader processes of a stage on a GPU, unless told; a CPU has none to spare
+
+
+def run_stage(folder: Path) -> None:
+    """Train a stage to its end, from its last checkpoint if it has one; a finished one is left alone.
+
+    Args:
+        folder: of the stage, holding its spec.
+
+    Raises:
+        Fl3dError: whatever went wrong; the traceback is left in ``error.txt``.
+    """
+    run = RunFolder(folder)
+    if not run.spec.exists():
+        raise ConfigError(f"{run.spec}: no such file; a sweep writes it when it starts the stage")
+    try:
+        with leased(run.lease) as lease:
+            run.error.unlink(missing_ok=True)
+            if not run.is_done:
+                _Run(run, lease).run()
+    except Exception:
+        write_text(run.error, traceback.format_exc())
+        raise
+
+
+class _Run:
+    """A stage on this machine."""
+
+    def __init__(self, folder: RunFolder, lease: Lease) -> None:
+        self._started = time.time()
+        self._cpu = time.process_time()
+        self.lease = lease
+        self.folder = folder
+        self.spec = read_spec(folder)
+        self.stage = self.spec.stage
+        self.machine = self.spec.machine
+        self.settings = self.spec.settings
+        self.device = self.machine.device
+        prepare(self.settings.seed, self.device, self.settings.precision)
+        self.kitti = self.spec.kitti()
+        self.val = Frames(self.kitti, self.machine.val_ids, self.machine.cache_frames)
+        self.validation = read_validation(self.kitti, self.val.ids)
+        self.schedule = self._schedule()
+        self.trainer = self._trainer()
+        self.timer = _Timer()
+        self._shown = 0.0
+        self._saved = -1  # step of the last whole checkpoint
+        parent = mp.parent_process()
+        self._parent = (
+            parent if parent is not None and parent.sentinel is not None else None
+        )  # joblib's has none
+
+    def _schedule(self) -> Schedule:
+        schedule = build_schedule(self.stage.config, self.machine.save_every_steps)
+        return replace(
+            schedule, frames_per_epoch=schedule.epoch_frames(len(self.machine.train_ids))
+        )
+
+    def _trainer(self) -> Trainer:
+        config = self.stage.config
+        detector = build_detector(config).to(self.device)
+        train_ids = self.machine.train_ids
+        if detector.LEARNS_FROM:
+            train_ids = tuple(frames_with(self.kitti, train_ids, detector.LEARNS_FROM))
+        if self.settings.compile:
+            detector.compile_dense()
+        workers = self.machine.workers
+        if workers is None:
+            workers = 0 if self.device == "cpu" else CUDA_WORKERS
+        return Trainer(
+            self.stage,
+            detector,
+            build_optimizer(config, detector),
+            self.schedule,
+            Frames(self.kitti, train_ids, self.machine.cache_frames),
+            self.device,
+            workers,
+            build_augmentation(config),
+        )
+
+    def run(self) -> None:
+        self._restore()
+        self._checkpoint_if_due()  # stopped between an epoch's last step and its checkpoint
+        while self.trainer.step < self.stage.end_step:
+            with self.timer.measure("training"):
+                self.trainer.train_epoch(self._after_step)
+            self._checkpoint_if_due()
+        self._show(force=True)
+        self.lease.check()
+        ended = {"step": self.trainer.step, "started": self._started, "ended": time.time()}
+        ended["cpu_seconds"] = round(
+            time.process_time() - self._cpu, 3
+        )  # of the last process that trained it
+        write_done(self.folder, ended)
+        self.folder.resume.unlink(missing_ok=True)
+
+    def _restore(self) -> None:
+        state = self._own_state()
+        if state is not None:
+            self.trainer.restore(state)
+        elif self.stage.parent is not None:
+            parent = self.folder.beside(self.stage.parent)
+            found = last_state(parent)
+            if found is None or found[1].step != self.stage.start_step:
+                parent.done.unlink(
+                    missing_ok=True
+                )  # so that it is trained again, from the checkpoint before
+                raise CheckpointError(
+                    f"{parent.path}: no whole checkpoint at step {self.stage.start_step}"
+                )
+            self.trainer.restore(found[0], is_parents=True)
+            self.trainer.averages = Averages()
+
+    def _own_state(self) -> State | None:
+        found = last_state(self.folder)
+        state = found[0] if found else None
+        self._saved = found[1].step if found else -1
+        if self.folder.resume.exists():
+            try:
+                resume = load_state(self.folder.resume)
+            except CheckpointError:
+                return state
+            if state is None or resume["step"] > state["step"]:
+                return resume
+        return state
+
+    def _after_step(self) -> None:
+        self._show()
+        every = self.schedule.save_every_steps
+        if every and self.trainer.step % every == 0:
+            self.lease.check()
+            save_state(self.folder.resume, self.trainer.state())
+
+    def _checkpoint_if_due(self) -> None:
+        epochs, rest = divmod(self.trainer.step - self.stage.start_step, self.stage.epoch_steps)
+        at_end = self.trainer.step == self.stage.end_step
+        is_due = (
+            rest == 0 and epochs > 0 and (epochs % self.schedule.checkpoint_every == 0 or at_end)
+        )
+        if is_due and self.trainer.step != self._saved:
+            self._checkpoint()
+            self._saved = self.trainer.step
+
+    def _checkpoint(self) -> None:
+        self.lease.check()
+        step = self.trainer.step
+        losses = self.trainer.averages.means()
+        lr = self.trainer.lr()
+        self.trainer.averages = Averages()
+        sha256 = save_state(self.folder.weights(step), self.trainer.state())
+        with self.timer.measure("detection"):
+            found = detect_frames(
+                self.trainer.detector,
+                self.val,
+                self.settings.max_boxes,
+                self.settings.min_score,
+                self.device,
+                self.settings.precision,
+                self.schedule.batch_size,
+                self.trainer.workers,
+                after_batch=lambda: self._show(force=True),
+            )
+            write_detections(self.folder.detections(step), found)
+        with self.timer.measure("scoring"):
+            scores_of(self.folder, step, self.validation, self.machine.protocol)
+        seconds = self.timer.take() | {"waiting": round(self.trainer.waited, 3)}
+        self.trainer.waited = 0.0
+        found_sha256 = file_digest(self.folder.detections(step))
+        made = self.machine.provenance
+        self.lease.check()
+        write_marker(
+            self.folder,
+            Checkpoint(
+                self.stage.key,
+                step,
+                self.trainer.epoch,
+                lr,
+                losses,
+                seconds,
+                sha256,
+                found_sha256,
+                _first_made(self.folder, step),
+                made,
+            ),
+        )
+
+    def _show(self, force: bool = False) -> None:
+        """Renew the progress file; leave when the parent process has gone."""
+        now = time.monotonic()
+        if force or now - self._shown > PROGRESS_SECONDS:
+            self._shown = now
+            write_progress(self.folder, self.trainer.step - self.stage.start_step, self.stage.steps)
+            if self._parent is not None and not self._parent.is_alive():
+                raise Fl3dError(
+                    "the process that started this stage has ended; run the same command to resume"
+                )
+
+
+def _first_made(folder: RunFolder, step: int) -> int:
+    """Milliseconds since 1970 at which a checkpoint was first made: made again, it keeps its place in the store."""
+    if folder.marker(step).exists():
+        with contextlib.suppress(CheckpointError):  # torn
+            return read_marker(folder, step).time_ms
+    return int(time.time() * 1000)
+
+
+class _Timer:
+    """Seconds by purpose, since they were last taken."""
+
+    def __init__(self) -> None:
+        self._seconds: dict[str, float] = {}
+
+    @contextmanager
+    def measure(self, name: str) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - started
+
+    def take(self) -> dict[str, float]:
+        seconds, self._seconds = self._seconds, {}
+        return {name: round(value, 3) for name, value in seconds.items()}
