@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import statistics
 import time
 from collections.abc import Mapping
@@ -12,18 +11,25 @@ from pathlib import Path
 
 import torch
 
-from fl3d.config import locate
+from fl3d.config.objects import locate
+from fl3d.config.settings import read_stage_settings
+from fl3d.core.digests import digest
+from fl3d.core.errors import CheckpointError, ConfigError, StoreError
+from fl3d.core.records import Config, Stage
 from fl3d.detectors.base import Detector
 from fl3d.detectors.flops import layer_flops
-from fl3d.digests import digest
-from fl3d.errors import ConfigError
-from fl3d.records import Config, Stage, StagePaths
+from fl3d.inference.load import build_detector
+from fl3d.runs.checkpoints import read_marker
+from fl3d.runs.layout import RunFolder
+from fl3d.runs.spec import read_spec
 from fl3d.sweep.plan import Plan, longest_paths
-from fl3d.training.build import build_detector, build_optimizer
-from fl3d.training.checkpoints import read_marker
+from fl3d.training.build import build_optimizer
 
 BACKWARD = 2  # a backward pass costs twice a forward one
-BOX_BYTES, IMAGE_BOX_BYTES = 30, 12  # of a stored detection, and of its own 2D box, compressed; as measured
+BOX_BYTES, IMAGE_BOX_BYTES = (
+    30,
+    12,
+)  # of a stored detection, and of its own 2D box, compressed; as measured
 PURPOSES = ("training", "detection", "scoring")
 
 
@@ -89,38 +95,45 @@ class Costs:
 
     def cost(self, stage: Stage) -> Cost:
         """Of one stage, from its first step to its last."""
-        network, batch = self._network(stage), stage.config["schedule"]["batch_size"]
+        network = self._network(stage)
+        settings = read_stage_settings(stage.config)
         n_checkpoints = len(checkpoint_epochs(stage))
-        trained, looked_at = stage.steps * batch * (1 + BACKWARD), n_checkpoints * self.n_val
+        trained = stage.steps * settings.batch_size * (1 + BACKWARD)
+        looked_at = n_checkpoints * self.n_val
         flops = network.flops * (trained + looked_at)
-        box_bytes = BOX_BYTES + IMAGE_BOX_BYTES * locate(network.target, "detector._target_").IMAGE_BOXES
-        boxes = self.n_val * stage.config["detections"]["max_boxes"] * box_bytes
+        box_bytes = (
+            BOX_BYTES + IMAGE_BOX_BYTES * locate(network.target, "detector._target_").IMAGE_BOXES
+        )
+        boxes = self.n_val * settings.max_boxes * box_bytes
         known = self._known_rate(stage)
         if known is not None:
             step, frame = known
             seconds = stage.steps * step + looked_at * frame
         else:
             seconds = flops / self.speed() * self._slowness(network.target)
-        return Cost(seconds, flops, n_checkpoints * network.bytes, n_checkpoints * boxes, known is not None)
+        return Cost(
+            seconds, flops, n_checkpoints * network.bytes, n_checkpoints * boxes, known is not None
+        )
 
     def learn(self) -> None:
         """Read how long the checkpoints below the folder took; those that were read before are passed over."""
-        for folder in sorted(self.stages_root.glob("*-*")):
-            paths = StagePaths(folder)
-            for step in paths.steps():
-                if (folder.name, step) not in self._learned:
-                    self._learned.add((folder.name, step))
-                    with contextlib.suppress(FileNotFoundError):  # cleaned away just now
-                        self._learn(paths, step)
+        for path in sorted(self.stages_root.glob("*-*")):
+            folder = RunFolder(path)
+            for step in folder.steps():
+                if (folder.key, step) not in self._learned:
+                    self._learned.add((folder.key, step))
+                    # Cleaned away just now, or torn.
+                    with contextlib.suppress(FileNotFoundError, StoreError, CheckpointError):
+                        self._learn(folder, step)
 
-    def _learn(self, paths: StagePaths, step: int) -> None:
-        key = paths.folder.name
-        if key not in self._stages:
-            spec = json.loads(paths.spec.read_text())
-            self._stages[key] = Stage(**spec["stage"]), len(spec["machine"]["val_ids"])
-        (stage, n_val), seconds = self._stages[key], read_marker(paths, step).seconds
+    def _learn(self, folder: RunFolder, step: int) -> None:
+        if folder.key not in self._stages:
+            spec = read_spec(folder)
+            self._stages[folder.key] = (spec.stage, len(spec.machine.val_ids))
+        stage, n_val = self._stages[folder.key]
+        seconds = read_marker(folder, step).seconds
         if all(name in seconds for name in PURPOSES):
-            steps = stage.epoch_steps * stage.config["schedule"]["checkpoint_every"]
+            steps = stage.epoch_steps * read_stage_settings(stage.config).checkpoint_every
             rate = seconds["training"] / steps, (seconds["detection"] + seconds["scoring"]) / n_val
             self._rates.setdefault((_kind(stage), stage.name), []).append(rate)
             self._medians.clear()
@@ -132,18 +145,22 @@ class Costs:
             same = [rates for (other, _), rates in self._rates.items() if other == kind]
             rates = self._rates.get((kind, stage.name)) or [rate for some in same for rate in some]
             columns = list(zip(*rates, strict=True))
-            median = (statistics.median(columns[0]), statistics.median(columns[1])) if rates else None
+            median = (
+                (statistics.median(columns[0]), statistics.median(columns[1])) if rates else None
+            )
             self._medians[kind, stage.name] = median
         return self._medians[kind, stage.name]
 
     def _slowness(self, target: str) -> float:
         """How much longer than their FLOPs say a detector's other networks took a step; 1: none was seen."""
         for stage, _ in self._stages.values():
-            if stage.config["detector"]["_target_"] == target:
+            if stage.target == target:
                 with contextlib.suppress(ConfigError):  # an older version's
                     self._network(stage)
         found = [
-            statistics.median(step for step, _ in rates) * self.speed() / self._networks[kind].step_flops
+            statistics.median(step for step, _ in rates)
+            * self.speed()
+            / self._networks[kind].step_flops
             for (kind, _), rates in self._rates.items()
             if kind in self._networks and self._networks[kind].target == target
         ]
@@ -153,9 +170,10 @@ class Costs:
         kind = _kind(stage)
         if kind not in self._networks:
             flops = sum(layer_flops(lambda: build_detector(stage.config)).values())
-            step_flops = flops * stage.config["schedule"]["batch_size"] * (1 + BACKWARD)
-            target = stage.config["detector"]["_target_"]
-            self._networks[kind] = _Network(target, flops, step_flops, _state_bytes(stage.config))
+            step_flops = flops * read_stage_settings(stage.config).batch_size * (1 + BACKWARD)
+            self._networks[kind] = _Network(
+                stage.target, flops, step_flops, _state_bytes(stage.config)
+            )
         return self._networks[kind]
 
     def speed(self) -> float:
@@ -168,14 +186,15 @@ class Costs:
 def _kind(stage: Stage) -> str:
     """Stages of one kind have the same network and take the same time a step."""
     config = stage.config
-    optimizer, batch = config["optimizer"]["_target_"], config["schedule"]["batch_size"]
-    arithmetic = config.get("precision", "float32"), config.get("compile", False)
-    return digest([config["detector"], optimizer, batch, config["data"], *arithmetic])
+    settings = read_stage_settings(config)
+    optimizer = config["optimizer"]["_target_"]
+    arithmetic = (settings.precision, settings.compile)
+    return digest([config["detector"], optimizer, settings.batch_size, config["data"], *arithmetic])
 
 
 def checkpoint_epochs(stage: Stage) -> list[int]:
     """A stage's own epochs after which it has a checkpoint."""
-    every = stage.config["schedule"]["checkpoint_every"]
+    every = read_stage_settings(stage.config).checkpoint_every
     return sorted({*range(every, stage.epochs + 1, every), stage.epochs})
 
 
@@ -212,7 +231,12 @@ def _state_bytes(config: Config) -> float:
         for parameter in detector.parameters():
             parameter.grad = torch.zeros_like(parameter)
         optimizer.step()
-    moments = [v for state in optimizer.state.values() for v in state.values() if isinstance(v, torch.Tensor)]
+    moments = [
+        v
+        for state in optimizer.state.values()
+        for v in state.values()
+        if isinstance(v, torch.Tensor)
+    ]
     tensors = [*detector.state_dict().values(), *moments]
     return float(sum(tensor.numel() * tensor.element_size() for tensor in tensors))
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
-from fl3d.records import Config
+from fl3d.core.records import Config
 
 # Keys that can change the weights, the detections or the scores' steps of a stage.
 RESULT = (
@@ -93,7 +93,10 @@ def stable_name(target: str) -> str:
 def with_stable_names(value: Any) -> Any:
     """A config whose ``_target_`` are stable names, so that a class that moves within its package retrains nothing."""
     if isinstance(value, Mapping):
-        return {key: stable_name(item) if key == "_target_" else with_stable_names(item) for key, item in value.items()}
+        return {
+            key: stable_name(item) if key == "_target_" else with_stable_names(item)
+            for key, item in value.items()
+        }
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [with_stable_names(item) for item in value]
     return value

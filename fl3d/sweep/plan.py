@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fl3d.digests import digest
-from fl3d.errors import ConfigError, options
-from fl3d.records import Config, Stage, Trial
+from fl3d.core.digests import digest
+from fl3d.core.errors import ConfigError, options
+from fl3d.core.records import Config, Stage, Trial
 from fl3d.sweep.identity import result_config, stable_name, targets, with_stable_names
 
 # Raised when the same stage gets another key. 2: classes are hashed by stable names, not by import paths.
@@ -33,11 +33,26 @@ class DataInfo:
 
 
 @dataclass(frozen=True)
+class DetectorInfo:
+    """What a plan must know of a detector.
+
+    Args:
+        name: as the papers write it.
+        version: part of a stage's identity.
+        stages: that it can be trained in.
+    """
+
+    name: str
+    version: object
+    stages: Sequence[str]
+
+
+@dataclass(frozen=True)
 class Plan:
     """A sweep, ready to run.
 
     Args:
-        sweep: its name.
+        sweep: name of the experiment.
         trials: in the sweeper's order; equal ones once.
         stages: by key, parents before children.
     """
@@ -53,7 +68,7 @@ class Plan:
 
     @property
     def plain_epochs(self) -> int:
-        """Epochs to train when every trial starts from nothing."""
+        """Epochs to train when every trial starts from scratch."""
         return sum(self.stages[key].epochs for trial in self.trials for key in trial.stages)
 
     def joined(self, other: Plan) -> Plan:
@@ -64,78 +79,88 @@ class Plan:
         return Plan(self.sweep, trials, {**self.stages, **stages})
 
 
-def make_plan(
-    sweep: str,
-    configs: Sequence[tuple[Sequence[str], Config]],
-    data: DataInfo,
-    versions: Mapping[str, object],
-    known_stages: Mapping[str, Sequence[str]],
-) -> Plan:
-    """Lay out the stages of trials.
+def trial_stages(
+    config: Config, data: DataInfo, trainer_version: int, detector: DetectorInfo
+) -> list[Stage]:
+    """The stages of one trial, first to last.
 
     Args:
-        sweep: its name.
-        configs: each trial's overrides and resolved config.
+        config: of the trial, resolved.
         data: identity and size of the data.
-        versions: of trainer and detectors, by ``_target_``; see ``stage_key``.
-        known_stages: stages that each detector offers, by ``_target_``.
+        trainer_version: of the trainer.
+        detector: of the config's detector.
 
     Raises:
-        ConfigError: a schedule names a stage that the detector does not offer, or two classes share a stable name.
+        ConfigError: the schedule names a stage that the detector does not offer, or a count below one.
     """
-    _check_names([config for _, config in configs])
-    stages: dict[str, Stage] = {}
-    trials: dict[str, Trial] = {}
-    for overrides, config in configs:
-        chain = trial_stages(config, data, versions, known_stages)
-        stages |= {stage.key: stage for stage in chain}
-        trial = Trial(chain[-1].key, tuple(overrides), config, tuple(stage.key for stage in chain))
-        trials.setdefault(trial.key, trial)
-    return Plan(sweep, tuple(trials.values()), stages)
-
-
-def trial_stages(
-    config: Config, data: DataInfo, versions: Mapping[str, object], known_stages: Mapping[str, Sequence[str]]
-) -> list[Stage]:
-    """The stages of one trial, first to last."""
-    target = config["detector"]["_target_"]
     _check_counts(config["schedule"])
     chain: list[Stage] = []
     for name, own in config["schedule"]["stages"].items():
         if own is None:  # left out
             continue
-        if name not in known_stages[target]:
-            raise ConfigError(f"schedule.stages: {target} has no stage '{name}'. {options(name, known_stages[target])}")
-        stage_config = configure_stage(config, name)
-        parent = chain[-1] if chain else None
-        key = stage_key(stage_config, name, parent, data, versions)
-        epoch, step = (parent.start_epoch + parent.epochs, parent.end_step) if parent else (0, 0)
-        above = parent.key if parent else None
-        epoch_steps = _epoch_steps(stage_config["schedule"], data.n_train)
-        chain.append(Stage(key, name, stage_config, above, epoch, step, own["epochs"], epoch_steps))
+        if name not in detector.stages:
+            raise ConfigError(
+                f"schedule.stages: {detector.name} has no stage '{name}'. {options(name, detector.stages)}"
+            )
+        chain.append(
+            _stage(
+                config,
+                name,
+                chain[-1] if chain else None,
+                data,
+                [trainer_version, detector.version],
+            )
+        )
     if not chain:
         raise ConfigError("schedule.stages: a trial needs at least one stage")
     return chain
 
 
-def _check_names(configs: Sequence[Config]) -> None:
-    """Refuse two classes that identity could not tell apart."""
+def _stage(
+    config: Config, name: str, parent: Stage | None, data: DataInfo, versions: Sequence[object]
+) -> Stage:
+    stage_config = configure_stage(config, name)
+    return Stage(
+        key=stage_key(stage_config, name, parent, data, versions),
+        name=name,
+        config=stage_config,
+        parent=parent.key if parent else None,
+        start_epoch=parent.start_epoch + parent.epochs if parent else 0,
+        start_step=parent.end_step if parent else 0,
+        epochs=config["schedule"]["stages"][name]["epochs"],
+        epoch_steps=_epoch_steps(stage_config["schedule"], data.n_train),
+    )
+
+
+def check_names(configs: Sequence[Config]) -> None:
+    """Refuse two classes that identity could not tell apart.
+
+    Raises:
+        ConfigError: naming both.
+    """
     seen: dict[str, str] = {}
     for config in configs:
         for target in targets(result_config(config)):
             other = seen.setdefault(stable_name(target), target)
             if other != target:
-                raise ConfigError(f"_target_: {other} and {target} have one name and one package; rename one of them")
+                raise ConfigError(
+                    f"_target_: {other} and {target} have one name and one package; rename one of them"
+                )
 
 
 def _check_counts(schedule: Mapping[str, Any]) -> None:
     """Refuse counts below one."""
     counts = {key: schedule[key] for key in ("batch_size", "checkpoint_every", "frames_per_epoch")}
-    counts |= {f"stages.{name}.epochs": own.get("epochs") for name, own in schedule["stages"].items() if own}
+    counts |= {
+        f"stages.{name}.epochs": own.get("epochs")
+        for name, own in schedule["stages"].items()
+        if own
+    }
     for key, count in counts.items():
-        if (count is None and key != "frames_per_epoch") or (
-            count is not None and not (isinstance(count, int) and count >= 1)
-        ):
+        may_be_null = key == "frames_per_epoch"
+        if count is None and may_be_null:
+            continue
+        if not isinstance(count, int) or count < 1:
             raise ConfigError(f"schedule.{key}: {count} is not a whole number of at least 1")
 
 
@@ -153,17 +178,19 @@ def configure_stage(config: Config, name: str) -> Config:
     return {**merged, "schedule": schedule}
 
 
-def stage_key(config: Config, name: str, parent: Stage | None, data: DataInfo, versions: Mapping[str, object]) -> str:
+def stage_key(
+    config: Config, name: str, parent: Stage | None, data: DataInfo, versions: Sequence[object]
+) -> str:
     """Readable identity: detector, stage, and a hash of the config, the parent, the data and the versions."""
-    target = config["detector"]["_target_"]
     content: dict[str, Any] = {
         "keys": KEY_VERSION,
         "config": with_stable_names(config),
         "parent": parent.key if parent else None,
         "data": data.digest,
-        "versions": [versions["trainer"], versions[target]],
+        "versions": list(versions),
     }
-    return f"{target.rsplit('.', 1)[-1].lower()}-{name}-{digest(content)[:10]}"
+    detector = config["detector"]["_target_"].rsplit(".", 1)[-1].lower()
+    return f"{detector}-{name}-{digest(content)[:10]}"
 
 
 def longest_paths(plan: Plan, seconds: Mapping[str, float]) -> dict[str, float]:

@@ -2,124 +2,188 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import torch
 
-from fl3d.config import locate
-from fl3d.digests import digest
-from fl3d.errors import ConfigError, options
-from fl3d.records import Config, Stage
-from fl3d.reports.published import REPORT_TABLES
-from fl3d.reports.selection import STAGES
-from fl3d.results import names
-from fl3d.sweep.identity import result_config
-from fl3d.sweep.plan import DataInfo, Plan, make_plan
+from fl3d.config.objects import locate
+from fl3d.config.settings import Settings, read_stage_settings
+from fl3d.core.errors import ConfigError
+from fl3d.core.records import Config, Stage, Trial
+from fl3d.inference.load import build_detector
+from fl3d.inference.precision import check_precision
+from fl3d.runs.design import Design, asked_label, baseline_level, make_design, refuse_twins
+from fl3d.runs.plans import FrozenPlan, freeze
+from fl3d.sweep.identity import leaves, result_config
+from fl3d.sweep.plan import DataInfo, DetectorInfo, Plan, check_names, trial_stages
 from fl3d.sweep.sweepers.base import Point
-from fl3d.training.build import build_augmentation, build_detector, build_optimizer
-from fl3d.training.precision import check_precision
+from fl3d.training.build import build_augmentation, build_optimizer
 from fl3d.training.trainer import VERSION as TRAINER_VERSION
 
 # Config sections that all trials of a sweep share: one dataset, one protocol, one store.
-SHARED = ("data", "protocol", "store", "results", "device", "workers", "profile", "sweep", "selection")
+SHARED = (
+    "data",
+    "protocol",
+    "store",
+    "results",
+    "device",
+    "workers",
+    "profile",
+    "sweep",
+    "selection",
+)
 
 
 class Planner:
     """Plans the trials of one sweep.
 
     Args:
-        base: what all its trials share.
+        base: config that all its trials share.
+        settings: the same, typed.
+        swept: keys in which its trials differ.
         data: identity and size of the data.
-
-    Raises:
-        ConfigError: a selection that does not exist.
+        grows: whether trials are proposed while others run: then the baseline may come later.
     """
 
-    def __init__(self, base: Config, data: DataInfo) -> None:
-        self.base, self.data = base, data
-        self.name = names(base).experiment
-        self.detectors: dict[str, Any] = {}
-        if base["selection"]["stages"] not in STAGES:
-            raise ConfigError(f"selection.stages: {options(base['selection']['stages'], STAGES)}")
+    def __init__(
+        self,
+        base: Config,
+        settings: Settings,
+        swept: Iterable[str],
+        data: DataInfo,
+        grows: bool = False,
+    ) -> None:
+        self.grows = grows
+        self.base = base
+        self.settings = settings
+        self.data = data
+        # Of a single trial every word counts as swept; what all trials must share is not compared.
+        compared = [key for key in swept if key.partition(".")[0] not in SHARED]
+        self.design: Design = make_design(compared, settings.sweep)
+        self._checked: set[str] = set()
 
     def empty(self) -> Plan:
         """A plan without trials."""
-        return Plan(self.name, (), {})
+        return Plan(self.settings.experiment, (), {})
 
-    def plan(self, points: Sequence[Point]) -> Plan:
+    def plan(self, points: Sequence[Point], grown: Plan | None = None) -> Plan:
         """Lay out points.
 
+        Args:
+            points: new ones.
+            grown: a plan that they are added to; None: a new one.
+
         Raises:
-            ConfigError: values that no object takes, tables that cannot be made of these trials, or trials that
-                differ in what all must share.
+            ConfigError: values that no object takes, trials that differ in what all must share, or two trials that the
+                sweep's design does not tell apart.
         """
+        check_names([point.config for point in points])
+        before = grown or self.empty()
+        trials = {trial.key: trial for trial in before.trials}
+        stages = dict(before.stages)
         for point in points:
-            self._check(point)
-        self._check_tables(points)
-        versions = {"trainer": TRAINER_VERSION} | {t: self._version(d) for t, d in self.detectors.items()}
-        offered = {t: d.STAGES for t, d in self.detectors.items()}
-        plan = make_plan(self.name, [(p.overrides, p.config) for p in points], self.data, versions, offered)
-        for stage in plan.stages.values():  # each may set its own
-            check_precision(stage.config["precision"], self.base["device"])
-            if stage.config["compile"]:
-                with torch.device("meta"):
-                    build_detector(stage.config).compile_dense()
-            self._check_start(stage)
-        return plan
-
-    def _version(self, detector: Any) -> object:
-        """Of a detector; what a 2D detector found belongs to it where it reads that.
-
-        Raises:
-            ConfigError: it reads that, and there is none.
-        """
-        if not detector.IMAGE_BOXES:
-            return detector.VERSION
-        if self.data.image_digest is None:
-            raise ConfigError(
-                f"detector: {detector.NAME} needs 2D boxes, rgb_detections/rgb_detection_{{train,val}}.txt in data.root"
-            )
-        return [detector.VERSION, self.data.image_digest]
-
-    def _check_start(self, stage: Stage) -> None:
-        """Refuse a first stage with frozen parts: nothing would ever have trained them."""
-        if stage.parent is None:
-            with torch.device("meta"):
-                frozen = [name for name, p in build_detector(stage.config).named_parameters() if not p.requires_grad]
-            if frozen:
-                part = frozen[0].partition(".")[0]
-                raise ConfigError(
-                    f"schedule.stages: '{stage.name}' comes first, but nothing would have trained its {part}"
-                )
+            trial, chain = self._lay_out(point)
+            trials.setdefault(trial.key, trial)
+            for stage in chain:
+                stages.setdefault(stage.key, stage)
+        refuse_twins(trials.values())
+        return Plan(before.sweep, tuple(trials.values()), stages)
 
     def key(self, point: Point) -> str:
         """The key of a point's trial."""
-        return self.plan([point]).trials[0].key
+        return self._lay_out(point)[0].key
 
-    def detector_names(self) -> dict[str, str]:
-        """What the papers call the detectors, by ``_target_``."""
-        return {target: detector.NAME for target, detector in self.detectors.items()}
+    def frozen(self, plan: Plan, earlier: Iterable[str] = ()) -> FrozenPlan:
+        """A plan as it is kept on disk.
+
+        Args:
+            plan: of this planner.
+            earlier: stages of trials of earlier starts.
+
+        Raises:
+            ConfigError: ``sweep.baseline`` is no level of it.
+        """
+        asked = self.settings.sweep.baseline
+        levels = list(dict.fromkeys(trial.level for trial in plan.trials))
+        if self.grows and asked is not None:
+            levels.append(asked_label(self.design.factor, asked))
+        trials = tuple(
+            freeze(trial, dict(leaves(result_config(trial.config)))) for trial in plan.trials
+        )
+        return FrozenPlan(
+            factor=self.design.factor,
+            baseline=baseline_level(levels, self.design.factor, asked),
+            trials=trials,
+            earlier=tuple(set(earlier) - set(plan.stages)),
+        )
+
+    def _lay_out(self, point: Point) -> tuple[Trial, list[Stage]]:
+        """The trial of one point, and its stages."""
+        config = point.config
+        self._check(point)
+        detector = self._detector(config)
+        stages = trial_stages(config, self.data, TRAINER_VERSION, detector)
+        for stage in stages:
+            if stage.key not in self._checked:
+                self._check_stage(stage)
+                self._checked.add(stage.key)
+        trial = Trial(
+            key=stages[-1].key,
+            overrides=point.overrides,
+            values=point.values,
+            config=config,
+            stages=tuple(stage.key for stage in stages),
+            first_own_step=stages[-1].start_step,
+            detector=detector.name,
+            group=self.design.group(point.values, config, detector.name),
+            level=self.design.level(point.values, config, detector.name),
+            seed=config["seed"],
+        )
+        return trial, stages
+
+    def _detector(self, config: Config) -> DetectorInfo:
+        """What a detector found by a 2D detector belongs to its version where it reads that.
+
+        Raises:
+            ConfigError: it reads 2D detections, and there are none.
+        """
+        kind: Any = locate(config["detector"]["_target_"], "detector._target_")
+        version: object = kind.VERSION
+        if kind.IMAGE_BOXES:
+            if self.data.image_digest is None:
+                raise ConfigError(
+                    f"detector: {kind.NAME} needs 2D boxes, rgb_detections/rgb_detection_{{train,val}}.txt in data.root"
+                )
+            version = [kind.VERSION, self.data.image_digest]
+        return DetectorInfo(kind.NAME, version, kind.STAGES)
 
     def _check(self, point: Point) -> None:
         for key in SHARED:
             if point.config[key] != self.base[key]:
-                raise ConfigError(f"{key}: all trials of a sweep must share it; run one sweep for each value")
-        target = point.config["detector"]["_target_"]
-        self.detectors.setdefault(target, locate(target, "detector._target_"))
-        with torch.device("meta"):
-            build_optimizer(point.config, build_detector(point.config))
-        if build_augmentation(point.config) is not None and not self.detectors[target].AUGMENTED:
-            raise ConfigError(f"augment: {self.detectors[target].NAME} has its own in its YAML; augment must be null")
-
-    def _check_tables(self, points: Sequence[Point]) -> None:
-        tables = self.base["sweep"]["tables"]
-        keys = {digest(result_config(point.config)) for point in points}
-        for number in set(tables) - set(REPORT_TABLES):  # whose rows are what is swept
-            key = "normalize" if number == "V" else "gamma"
-            rows = {(p.config["detector"]["_target_"], p.config["loss"].get(key, 0), p.config["seed"]) for p in points}
-            if len(rows) < len(keys):
                 raise ConfigError(
-                    f"sweep.tables: Table {number} has one row for each detector and loss.{key} (seeds are averaged); "
-                    "these trials differ in something else. Sweep it without +sweep."
+                    f"{key}: all trials of a sweep must share it; run one sweep for each value"
                 )
+        with torch.device("meta"):
+            detector = build_detector(point.config)
+            build_optimizer(point.config, detector)
+        if build_augmentation(point.config) is not None and not detector.AUGMENTED:
+            raise ConfigError(
+                f"augment: {detector.NAME} has its own in its YAML; augment must be null"
+            )
+
+    def _check_stage(self, stage: Stage) -> None:
+        settings = read_stage_settings(stage.config)
+        check_precision(settings.precision, self.settings.device)
+        with torch.device("meta"):
+            detector = build_detector(stage.config)
+        if settings.compile:
+            detector.compile_dense()
+        frozen = [
+            name for name, parameter in detector.named_parameters() if not parameter.requires_grad
+        ]
+        if stage.parent is None and frozen:
+            part = frozen[0].partition(".")[0]
+            raise ConfigError(
+                f"schedule.stages: '{stage.name}' comes first, but nothing would have trained its {part}"
+            )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from fl3d.records import Stage
+from fl3d.core.records import Stage
 from fl3d.sweep.identity import leaves
 from fl3d.sweep.plan import Plan
 
 
 def plan_tree(plan: Plan, note: Callable[[Stage], str]) -> list[str]:
-    """Lines of a tree: stages below those they go on from, each with what sets it apart from its siblings.
+    """Lines of a tree: stages below those they resume from, each with what sets it apart.
 
     Args:
         plan: of a sweep.
@@ -25,19 +25,22 @@ def plan_tree(plan: Plan, note: Callable[[Stage], str]) -> list[str]:
     def draw(siblings: list[Stage], indent: str) -> None:
         names = labels(siblings)
         for stage in siblings:
+            is_root = stage.parent is None
             is_last = stage is siblings[-1]
-            stem = "" if stage.parent is None else ("└─ " if is_last else "├─ ")
-            mark = "" if stage.key in trials else " (shared)" if len(children.get(stage.key, [])) > 1 else ""
+            below = children.get(stage.key, [])
+            is_shared = stage.key not in trials and len(below) > 1
+            stem = "" if is_root else ("└─ " if is_last else "├─ ")
+            mark = " (shared)" if is_shared else ""
             lines.append(f"{indent}{stem}{names[stage.key]}{mark}: {note(stage)}")
-            deeper = indent if stage.parent is None else indent + ("   " if is_last else "│  ")
-            draw(children.get(stage.key, []), deeper)
+            deeper = "" if is_root else ("   " if is_last else "│  ")
+            draw(below, indent + deeper)
 
     draw(children.get(None, []), "")
     return lines
 
 
 def labels(siblings: list[Stage]) -> Mapping[str, str]:
-    """What sets each of some stages apart: its detector, its name, and the values that differ within the detector."""
+    """What sets each of some stages apart: detector, name, and values that differ within these."""
     values = {stage.key: dict(leaves(stage.config)) for stage in siblings}
     seen: dict[tuple[str, str], dict[str, set[str]]] = {}
     for stage in siblings:
@@ -47,9 +50,10 @@ def labels(siblings: list[Stage]) -> Mapping[str, str]:
     found = {}
     for stage in siblings:
         texts = seen[_target(stage), stage.name]
-        told = [f"{key}={value}" for key, value in sorted(values[stage.key].items()) if len(texts[key]) > 1]
-        detector = [_target(stage).rsplit(".", 1)[-1]] if stage.parent is None else []
-        found[stage.key] = " ".join([*detector, stage.name, *told])
+        own = sorted(values[stage.key].items())
+        differing = [f"{key}={value}" for key, value in own if len(texts[key]) > 1]
+        detector = [_target(stage).rpartition(".")[2]] if stage.parent is None else []
+        found[stage.key] = " ".join([*detector, stage.name, *differing])
     return found
 
 

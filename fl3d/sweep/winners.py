@@ -1,91 +1,141 @@
-"""Greedy sweeps: one goes on from the values that won the sweep before it."""
+"""Greedy sweeps: one builds on the values that won the sweep before it."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-import pandas as pd
-
-from fl3d.config import Multirun, compose_config
-from fl3d.errors import ConfigError, StoreError, options
-from fl3d.records import Config
-from fl3d.reports.selection import select
-from fl3d.results import names, scores_of
+from fl3d.config.compose import CONF, Multirun, compose_config
+from fl3d.config.settings import Settings, read_settings
+from fl3d.core.digests import digest
+from fl3d.core.errors import ConfigError, StoreError, options
+from fl3d.runs.design import SEED
+from fl3d.runs.finished import FinishedSweep, open_sweep
+from fl3d.runs.plans import FrozenTrial
 
 PLACES = ("data", "profile", "store", "results")  # what tells where an earlier sweep lies
+PUBLISHED = CONF.parent / "results"  # scores that the project publishes
+
+
+@dataclass(frozen=True)
+class Winner:
+    """What won a sweep.
+
+    Args:
+        overrides: of its best trial, as the user wrote them, by key; without the seed.
+        value: of the metric that decides, averaged over seeds.
+    """
+
+    overrides: Mapping[str, str]
+    value: float
 
 
 def with_winners(multirun: Multirun, say: Callable[[str], None] = print) -> Multirun:
-    """A sweep that keeps, in front of its own overrides, those that won the sweeps it goes on from.
+    """A sweep that keeps, in front of its own overrides, those that won the sweeps it builds on.
 
     Args:
         multirun: the sweep.
         say: prints a line for the user.
 
     Raises:
-        ConfigError: a sweep that names no rule for its winner, or goes on from itself.
-        StoreError: a sweep that it goes on from was not run to its end here.
+        ConfigError: a sweep that names no rule for its winner, or builds on itself.
+        StoreError: a sweep that it builds on was not run to its end here.
     """
-    kept: list[str] = []
-    config = multirun.base
-    seen, own = [config["sweep"]["name"]], set(multirun.sweeper.get("params", {}))
-    while (before := config["sweep"]["after"]) is not None:
-        if before in seen:
-            raise ConfigError(f"sweep.after: {' goes on from '.join([*seen, before])}: there is no first one")
-        seen.append(before)
-        places = [a for a in multirun.arguments if a.lstrip("+").partition("=")[0].partition(".")[0] in PLACES]
-        config = compose_config([*places, f"+sweep={before}"])
-        won, value = winner(config, say)
-        won = [override for override in won if override.partition("=")[0] not in own]  # what is swept now is open
-        say(f"Keeps {' '.join(won) or 'nothing'}, which won {before} ({config['sweep']['winner']} {value:.4g}).")
-        kept = [*won, *kept]
-    return replace(multirun, arguments=[*kept, *multirun.arguments])
+    sweep = read_settings(multirun.base).sweep
+    is_open = {key.lstrip("+") for key in multirun.sweeper.get("params", {})}  # swept now
+    seen = [sweep.name]
+    kept: dict[str, str] = {}
+    while sweep.after is not None:
+        if sweep.after in seen:
+            chain = " builds on ".join([*seen, sweep.after])
+            raise ConfigError(f"sweep.after: {chain}: there is no first one")
+        seen.append(sweep.after)
+        settings = _settings_of(sweep.after, multirun.arguments)
+        sweep = settings.sweep
+        won = winner(settings, say)
+        own = {key: text for key, text in won.overrides.items() if key not in is_open}
+        words = " ".join(own.values()) or "nothing"
+        say(f"Keeps {words}, which won {sweep.name} ({sweep.winner} {won.value:.4g}).")
+        kept = {**own, **kept}
+    return replace(multirun, arguments=[*kept.values(), *multirun.arguments])
 
 
-def winner(config: Config, say: Callable[[str], None] = print) -> tuple[list[str], float]:
-    """The overrides of a sweep's best trial by its ``sweep.winner``, last checkpoints, seeds averaged; and the value.
+def winner(settings: Settings, say: Callable[[str], None] = print) -> Winner:
+    """A sweep's best trial by its ``sweep.winner``: last checkpoints, seeds averaged.
 
     Args:
-        config: of the sweep.
+        settings: of the sweep.
         say: tells where the scores come from, if not from the store.
 
     Raises:
         ConfigError: the sweep names no such metric.
         StoreError: the sweep was not run to its end here.
     """
-    sweep, called = config["sweep"], names(config)
-    if sweep["winner"] is None:
-        raise ConfigError(f"sweep {sweep['name']}: sweep.winner is not set, so that none can go on from it")
+    metric = settings.sweep.winner
+    if metric is None:
+        raise ConfigError(
+            f"sweep {settings.sweep.name}: sweep.winner is not set, so that none can build on it"
+        )
     try:
-        scores = scores_of(config, say)
+        sweep = open_sweep(settings, published=PUBLISHED)
     except StoreError as error:
-        raise StoreError(f"a sweep goes on from the winner of {called.experiment}; run that first ({error})") from None
-    metrics = [str(column) for column in scores if "/" in str(column)]
-    if sweep["winner"] not in metrics:
-        raise ConfigError(f"sweep.winner: no metric {sweep['winner']}. {options(sweep['winner'], metrics)}")
-    planned = _planned(config)
-    missing = planned - set(scores["trial"])
-    if missing:
-        done = f"{len(planned) - len(missing)} of {len(planned)} trials of {called.experiment} are done"
-        raise StoreError(f"{done}; a sweep goes on from its winner, so run it to its end first")
-    return best_overrides(scores, sweep["winner"])
+        raise StoreError(
+            f"a sweep builds on the winner of {settings.experiment}; run that first ({error})"
+        ) from None
+    if not sweep.is_from_store:
+        say(f"From {sweep.source} (the store holds no such sweep).")
+    planned = len(sweep.plan.trials)
+    done = len(sweep.trials)
+    if done < planned:
+        raise StoreError(
+            f"{done} of {planned} trials of {settings.experiment} are done; "
+            "a sweep builds on its winner, so run it to its end first"
+        )
+    return best(sweep, metric)
 
 
-def best_overrides(scores: pd.DataFrame, metric: str) -> tuple[list[str], float]:
-    """Overrides of the trials of highest metric at their last checkpoint, without the seed, and its mean over seeds."""
-    groups: dict[tuple[str, ...], list[float]] = {}
-    for overrides, value in select(scores, "last")[["overrides", metric]].itertuples(index=False):
-        told = str(overrides).split() if isinstance(overrides, str) else []
-        groups.setdefault(tuple(o for o in told if not o.startswith("seed=")), []).append(float(value))
-    means = {key: sum(values) / len(values) for key, values in sorted(groups.items())}
-    best, value = max(means.items(), key=lambda item: item[1])
-    return list(best), value
+def best(sweep: FinishedSweep, metric: str) -> Winner:
+    """The values whose trials have the highest mean of a metric at their last checkpoints.
+
+    Where several have it, the first of them wins.
+
+    Args:
+        sweep: with all its trials done.
+        metric: such as ``recall_3d/0.7``.
+
+    Raises:
+        ConfigError: the metric was not measured for all trials.
+    """
+    chosen = sweep.select("last").set_index("trial")
+    metrics = [str(name) for name in chosen if "/" in str(name) and chosen[name].notna().all()]
+    if metric not in metrics:
+        raise ConfigError(f"sweep.winner: no metric {metric}. {options(metric, metrics)}")
+    replicates: dict[str, list[FrozenTrial]] = {}
+    for trial in sweep.trials:
+        replicates.setdefault(digest(_without_seed(trial.plan)), []).append(trial.plan)
+    means = {
+        name: float(chosen.loc[[trial.key for trial in trials], metric].mean())
+        for name, trials in replicates.items()
+    }
+    name = max(means, key=lambda name: means[name])
+    return Winner(_overrides(replicates[name][0]), means[name])
 
 
-def _planned(config: Config) -> set[str]:
-    """Keys of a sweep's trials, where its plan is at hand."""
-    plan = names(config).plan(Path(config["store"]["root"]))
-    return {str(trial["key"]) for trial in json.loads(plan.read_text())["trials"]} if plan.exists() else set()
+def _without_seed(trial: FrozenTrial) -> Mapping[str, object]:
+    return {key: value for key, value in trial.values.items() if key != SEED}
+
+
+def _overrides(trial: FrozenTrial) -> dict[str, str]:
+    """Overrides by key; they and the values run in parallel."""
+    written = dict(zip(trial.values, trial.overrides, strict=True))
+    return {key: text for key, text in written.items() if key != SEED}
+
+
+def _settings_of(sweep: str, arguments: Sequence[str]) -> Settings:
+    """Settings of an earlier sweep in the same place."""
+    places = [one for one in arguments if _section(one) in PLACES]
+    return read_settings(compose_config([*places, f"+sweep={sweep}"]))
+
+
+def _section(override: str) -> str:
+    return override.lstrip("+").partition("=")[0].partition(".")[0]

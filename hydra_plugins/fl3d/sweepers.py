@@ -12,20 +12,27 @@ from omegaconf import DictConfig, OmegaConf
 
 
 class Doorway(Sweeper):
-    """Hands a multirun to ``fl3d.pipeline``, whose sweepers know nothing of Hydra's classes."""
+    """Hands a multirun to ``fl3d.commands.train``; the sweepers behind it know nothing of Hydra's classes."""
 
-    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+    def setup(
+        self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
+    ) -> None:
         """Keep what Hydra gives; the task function is not called, stages are."""
-        self.loader, self.composed = hydra_context.config_loader, config
+        self.loader = hydra_context.config_loader
+        self.composed = config
 
     def sweep(self, arguments: list[str]) -> None:
         """Run the sweep to its tables."""
-        from fl3d.config import multirun_of
-        from fl3d.pipeline import run_sweep
+        from fl3d.commands.train import train
+        from fl3d.config.compose import multirun_of
         from fl3d.sweep.winners import with_winners
 
         multirun = with_winners(multirun_of(self.loader, self.composed, arguments))
-        run_sweep(self.proposer(multirun.arguments, multirun.compose), multirun.launcher)
+        train(
+            self.proposer(multirun.arguments, multirun.compose),
+            multirun.launcher,
+            multirun.arguments,
+        )
 
     @abstractmethod
     def proposer(self, arguments: list[str], compose: Any) -> Any:
@@ -53,7 +60,8 @@ class OptunaSweeper(Doorway):
     """Trials by an Optuna study, see ``fl3d.sweep.sweepers.study.Study`` for the arguments."""
 
     def __init__(self, params: dict[str, Any], **settings: Any) -> None:
-        self.params, self.settings = params, settings
+        self.params = params
+        self.settings = settings
 
     def proposer(self, arguments: list[str], compose: Any) -> Any:
         """The study."""

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from enum import Enum
 from pathlib import Path
 
-from fl3d.errors import Fl3dError
+from fl3d.core.errors import Fl3dError
 
 
 class LauncherBusy(Fl3dError):

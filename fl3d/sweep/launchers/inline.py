@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
-from fl3d.training.run import run_stage
+from fl3d.training.stage import run_stage
 
 
 class _Finished(Job):

@@ -57,12 +57,17 @@ class LocalLauncher(Launcher):
 
     def __init__(self, slots: int | None = None, device: str = "cpu", per_card: int = 1) -> None:
         self._cards = _cards() if device.startswith("cuda") else []
-        self.slots = slots or (len(self._cards) * per_card if self._cards else len(os.sched_getaffinity(0)))
+        self.slots = slots or (
+            len(self._cards) * per_card if self._cards else len(os.sched_getaffinity(0))
+        )
         self._held: dict[int, _Process] = {}
         self._context = mp.get_context("forkserver")
         # All code is loaded now: what is edited while a sweep runs does not reach it.
-        detectors = [f"fl3d.detectors.{module.name}" for module in pkgutil.iter_modules(fl3d.detectors.__path__)]
-        self._context.set_forkserver_preload(["fl3d.training.run", *LAZY, *detectors])
+        detectors = [
+            f"fl3d.detectors.{module.name}"
+            for module in pkgutil.iter_modules(fl3d.detectors.__path__)
+        ]
+        self._context.set_forkserver_preload(["fl3d.training.stage", *LAZY, *detectors])
         for name in THREADS:
             os.environ.setdefault(name, "1")
 
@@ -90,12 +95,18 @@ def _cards() -> list[str]:
 
 
 def _work(folder: Path, card: str | None) -> None:
-    from fl3d.training.run import run_stage
+    from fl3d.training.stage import run_stage
 
     if card is not None:
         os.environ["CUDA_VISIBLE_DEVICES"] = card  # before this process first asks for a card
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which then ends its stages
-    with (folder / "log.txt").open("a") as log, contextlib.redirect_stdout(log), contextlib.redirect_stderr(log):
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C is for the parent, which then ends its stages
+    with (
+        (folder / "log.txt").open("a") as log,
+        contextlib.redirect_stdout(log),
+        contextlib.redirect_stderr(log),
+    ):
         try:
             run_stage(folder)
         except Exception as error:

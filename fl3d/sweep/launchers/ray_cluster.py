@@ -7,9 +7,9 @@ import signal
 from pathlib import Path
 from typing import Any
 
-from fl3d.errors import ConfigError
+from fl3d.core.errors import ConfigError
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
-from fl3d.training.run import run_stage
+from fl3d.training.stage import run_stage
 
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -54,7 +54,11 @@ class RayLauncher(Launcher):
     """
 
     def __init__(
-        self, address: str | None = None, cpus: float = 1.0, gpus: float = 0.0, slots: int | None = None
+        self,
+        address: str | None = None,
+        cpus: float = 1.0,
+        gpus: float = 0.0,
+        slots: int | None = None,
     ) -> None:
         try:
             import ray
@@ -73,7 +77,9 @@ class RayLauncher(Launcher):
             os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
             handler = signal.getsignal(signal.SIGTERM)
             where = self._address or os.environ.get("RAY_ADDRESS") or "local"
-            ray.init(address=where, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+            ray.init(
+                address=where, include_dashboard=False, log_to_driver=False, logging_level="ERROR"
+            )
             signal.signal(signal.SIGTERM, handler)  # Ray puts its own in its place
         self.slots = self._asked or self._room()
         environment = {"env_vars": dict.fromkeys(THREADS, str(max(1, int(self._cpus))))}
@@ -84,7 +90,9 @@ class RayLauncher(Launcher):
 
     def _room(self) -> int:
         cpus, gpus, there = self._cpus, self._gpus, self._ray.cluster_resources()
-        room = [int(there.get(name, 0) / need) for name, need in (("CPU", cpus), ("GPU", gpus)) if need]
+        room = [
+            int(there.get(name, 0) / need) for name, need in (("CPU", cpus), ("GPU", gpus)) if need
+        ]
         if min(room) < 1:
             raise ConfigError(
                 f"hydra/launcher=ray: a stage asks for {cpus:g} CPUs and {gpus:g} GPUs; the cluster has "

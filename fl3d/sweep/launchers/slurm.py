@@ -15,21 +15,30 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fl3d.errors import ConfigError
-from fl3d.files import write_text
-from fl3d.records import StagePaths
+from fl3d.core.errors import ConfigError
+from fl3d.core.files import write_text
+from fl3d.runs.layout import RunFolder
 from fl3d.sweep.launchers.base import Job, JobState, Launcher, LauncherBusy
-from fl3d.training.run import run_stage
+from fl3d.training.stage import run_stage
 
-POLL_SECONDS = 2.0  # between looks at the queue, for all jobs together
+POLL_SECONDS = 2.0  # between queries of the queue, for all jobs together
 GRACE_SECONDS = 10.0  # a job that has left the queue may have its last file still on the way
 MAX_REQUEUES = 1000  # of a job that reaches its time limit
 SUBMIT_WAITS = (0, 2, 10)  # seconds before each try: a controller may be busy
-WAITING = ("PENDING", "RUNNING", "COMPLETING", "CONFIGURING", "SUSPENDED", "REQUEUED", "REQUEUE_HOLD", "PREEMPTED")
+WAITING = (
+    "PENDING",
+    "RUNNING",
+    "COMPLETING",
+    "CONFIGURING",
+    "SUSPENDED",
+    "REQUEUED",
+    "REQUEUE_HOLD",
+    "PREEMPTED",
+)
 
 
 class StageTask:
-    """What a job runs; picklable, and run again by SLURM after a pre-emption: the stage goes on by itself."""
+    """What a job runs; picklable, and run again by SLURM after a pre-emption: the stage resumes by itself."""
 
     def __call__(self, folder: str) -> None:
         """Train the stage."""
@@ -71,7 +80,7 @@ class Queue:
 
 class _SlurmJob(Job):
     def __init__(self, number: str, folder: Path, queue: Queue) -> None:
-        self.number, self.paths, self.queue = number, StagePaths(folder), queue
+        self.number, self.paths, self.queue = number, RunFolder(folder), queue
         self._taken = time.monotonic()
         self._left: float | None = None
 
@@ -87,7 +96,9 @@ class _SlurmJob(Job):
         if self.paths.error.exists():
             return JobState.RAISED
         # It is being requeued, or its last files are on their way.
-        return JobState.KILLED if time.monotonic() - self._left > GRACE_SECONDS else JobState.RUNNING
+        return (
+            JobState.KILLED if time.monotonic() - self._left > GRACE_SECONDS else JobState.RUNNING
+        )
 
     def cancel(self) -> None:
         subprocess.run(["scancel", self.number], capture_output=True, check=False, timeout=30)
@@ -99,11 +110,11 @@ class SlurmLauncher(Launcher):
     Args:
         slots: jobs in the queue at once, waiting ones among them.
         partition: None: the cluster's own choice.
-        minutes: time limit of a job; a stage that needs longer goes on in the same job, requeued.
+        minutes: time limit of a job; a stage that needs longer resumes in the same job, requeued.
         cpus: of a job.
         memory_gb: of a job; None: the cluster's own choice.
         gpus: of a job; 0: none.
-        signal_seconds: before the time limit, when the job is requeued; it goes on from its last resume point
+        signal_seconds: before the time limit, when the job is requeued; it resumes from its last resume point
             (``schedule.save_every_steps``) or checkpoint.
         extra: further ``#SBATCH`` options, such as ``{account: physics, qos: low}``.
         setup: shell lines before each job, such as ``module load cuda``.
@@ -129,11 +140,19 @@ class SlurmLauncher(Launcher):
         self._submitit = _submitit()
         self.slots = slots
         self._queue = Queue()
-        options: dict[str, Any] = {"use_srun": False, "time": minutes, "cpus_per_task": cpus, "ntasks_per_node": 1}
+        options: dict[str, Any] = {
+            "use_srun": False,
+            "time": minutes,
+            "cpus_per_task": cpus,
+            "ntasks_per_node": 1,
+        }
         options |= {"partition": partition} if partition else {}
         options |= {"mem": f"{memory_gb:g}G"} if memory_gb else {}
         options |= {"gpus_per_node": gpus} if gpus else {}
-        threads = [f"export {name}={cpus}" for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")]
+        threads = [
+            f"export {name}={cpus}"
+            for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+        ]
         options["setup"] = [*threads, *(setup or [])]
         # To the batch process itself, which `exec` makes Python: without srun nothing else is told.
         own = {"requeue": True, "kill-on-invalid-dep": "yes", "signal": f"B:USR2@{signal_seconds}"}
@@ -148,7 +167,7 @@ class SlurmLauncher(Launcher):
             self._queue.refresh()
             if self._queue.state(number) in WAITING:
                 return _SlurmJob(number, folder, self._queue)
-        StagePaths(folder).error.unlink(missing_ok=True)  # of an earlier job
+        RunFolder(folder).error.unlink(missing_ok=True)  # of an earlier job
         number = self._submit_patiently(folder, after)
         write_text(ticket, json.dumps({"job": number}) + "\n")
         self._queue.refresh()
@@ -167,13 +186,19 @@ class SlurmLauncher(Launcher):
         submitit = self._submitit
         logs = folder / "slurm"
         try:
-            executor = submitit.SlurmExecutor(logs, max_num_timeout=MAX_REQUEUES, python=f"exec {sys.executable}")
+            executor = submitit.SlurmExecutor(
+                logs, max_num_timeout=MAX_REQUEUES, python=f"exec {sys.executable}"
+            )
             options = dict(self._options, job_name=folder.name)
             if isinstance(after, _SlurmJob) and not after.paths.done.exists():
                 options["dependency"] = f"afterok:{after.number}"
             executor.update_parameters(**options)
             return str(executor.submit(StageTask(), str(folder.absolute())).job_id)
-        except (submitit.core.utils.FailedJobError, subprocess.SubprocessError, FileNotFoundError) as error:
+        except (
+            submitit.core.utils.FailedJobError,
+            subprocess.SubprocessError,
+            FileNotFoundError,
+        ) as error:
             raise LauncherBusy(f"SLURM took no job for {folder.name}: {error}") from None
         except (RuntimeError, ValueError) as error:
             raise ConfigError(f"hydra/launcher=slurm: {error}") from None
@@ -183,5 +208,7 @@ def _submitit() -> Any:
     try:
         import submitit
     except ImportError:
-        raise ConfigError("hydra/launcher=slurm needs submitit: pip install 'fl3d[slurm]'") from None
+        raise ConfigError(
+            "hydra/launcher=slurm needs submitit: pip install 'fl3d[slurm]'"
+        ) from None
     return submitit

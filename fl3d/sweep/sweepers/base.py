@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
+from typing import Any
 
-from fl3d.records import Config, Trial
+from fl3d.core.records import Config, Trial
 
 Compose = Callable[[Sequence[str]], Config]
 
@@ -18,18 +19,20 @@ class Point:
     """A trial as a sweeper proposes it.
 
     Args:
-        overrides: what makes it differ from the sweep's other trials.
+        overrides: what makes it differ from the sweep's other trials, as the user wrote it.
+        values: the same as data: swept values by key, in the order of the overrides.
         config: fully resolved.
     """
 
     overrides: tuple[str, ...]
+    values: Mapping[str, Any]
     config: Config
 
 
 class TrialState(Enum):
     """What has become of a trial."""
 
-    GOING = "going"
+    RUNNING = "running"  # or waiting to run
     DONE = "done"
     STOPPED = "stopped"
     FAILED = "failed"
@@ -41,8 +44,9 @@ class Standing:
 
     Args:
         trial: which.
-        state: whether it still goes on.
-        curve: metrics of its last stage's checkpoints, by the epochs that this stage had behind it, rising.
+        state: what has become of it.
+        curve: metrics of its last stage's checkpoints, by the epochs that this stage had behind
+            it, rising.
         epochs: of its last stage.
     """
 
@@ -70,11 +74,13 @@ class Sweeper(ABC):
 
     Attributes:
         base: a config of the sweep: what all its trials share.
+        swept: keys in which its trials differ, in order.
         listens: whether ``advise`` wants to hear how trials stand.
         n_trials: how many it may propose in all.
     """
 
     base: Config
+    swept: tuple[str, ...] = ()
     listens: bool = False
     n_trials: int
 
@@ -99,7 +105,7 @@ class Sweeper(ABC):
         return Advice()
 
     def report(self, standings: Mapping[str, Standing], folder: Path) -> str:
-        """What the sweeper itself has found, as Markdown; empty where the sweep's tables say it all.
+        """What the sweeper itself has found, as Markdown; empty where tables say it all.
 
         Args:
             standings: of the sweep's trials, by key.

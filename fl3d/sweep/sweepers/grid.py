@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
-from hydra.errors import HydraException
 
-from fl3d.errors import ConfigError
+from fl3d.config.compose import values_by_key
+from fl3d.core.records import Config
 from fl3d.sweep.sweepers.base import Compose, Point, Sweeper
 
 
@@ -23,6 +23,7 @@ class Listed(Sweeper):
     def __init__(self, points: Sequence[Point]) -> None:
         self._points = points
         self.base = points[0].config if points else {}
+        self.swept = tuple(points[0].values) if points else ()
         self.n_trials = len(points)
 
     def first(self) -> Sequence[Point]:
@@ -39,10 +40,18 @@ def grid(params: Mapping[str, object], arguments: Sequence[str], compose: Compos
         compose: makes a config of overrides.
     """
     fixed, points = expand(params, arguments)
-    return Listed([Point(tuple(swept), compose([*fixed, *swept])) for swept in points])
+    return Listed([point_of(overrides, compose([*fixed, *overrides])) for overrides in points])
 
 
-def expand(params: Mapping[str, object], arguments: Sequence[str]) -> tuple[list[str], list[list[str]]]:
+def point_of(overrides: Sequence[str], config: Config) -> Point:
+    """A point of overrides that each set one value."""
+    values = {key: value for key, (value,) in values_by_key(overrides).items()}
+    return Point(tuple(overrides), values, config)
+
+
+def expand(
+    params: Mapping[str, object], arguments: Sequence[str]
+) -> tuple[list[str], list[list[str]]]:
     """Lay out a grid.
 
     Args:
@@ -50,7 +59,8 @@ def expand(params: Mapping[str, object], arguments: Sequence[str]) -> tuple[list
         arguments: overrides of the command line; a key given there replaces the file's.
 
     Returns:
-        overrides that every trial has, and those of each point of the grid; the first axis varies slowest.
+        overrides that every trial has, and those of each point of the grid; the first axis varies
+        slowest.
 
     Raises:
         ConfigError: an interval, whose values cannot be listed.
@@ -58,33 +68,26 @@ def expand(params: Mapping[str, object], arguments: Sequence[str]) -> tuple[list
     parser = OverridesParser.create()
     given = parser.parse_overrides(list(arguments))
     named = {override.key_or_group for override in given}
-    filed = parser.parse_overrides([f"{key}={value}" for key, value in params.items() if key not in named])
+    filed = parser.parse_overrides(
+        [f"{key}={value}" for key, value in params.items() if key not in named]
+    )
     fixed: list[str] = []
     axes: list[list[str]] = []
     for override in [*filed, *given]:
         if override.is_sweep_override():
             axes.append([f"{override.get_key_element()}={value}" for value in _strings(override)])
-        elif override.input_line is not None and override.key_or_group in params:  # one value of what the file sweeps
+        elif override.input_line is not None and _is_value_of(override, params):
             axes.append([override.input_line])
         elif override.input_line is not None:
             fixed.append(override.input_line)
     return fixed, [list(point) for point in itertools.product(*axes)]
 
 
+def _is_value_of(override: Override, params: Mapping[str, object]) -> bool:
+    """Whether it sets one value of what the file sweeps: it still tells the trials from others."""
+    return override.key_or_group in params and not override.is_delete()
+
+
 def _strings(override: Override) -> list[str]:
-    try:
-        return list(override.sweep_string_iterator())
-    except HydraException:
-        raise ConfigError(
-            f"'{override.input_line}': a grid needs values that can be listed, such as 0,1,2 or range(0,3); "
-            "to search an interval add hydra/sweeper=optuna"
-        ) from None
-
-
-def values_of(override: str) -> list[object]:
-    """The values of one override, swept or not: ``nms_iou=0.1,0.5`` -> [0.1, 0.5]."""
-    parsed = OverridesParser.create().parse_override(override)
-    value = parsed.value()
-    if not parsed.is_sweep_override():
-        return [value]
-    return list(parsed.sweep_iterator())
+    values_by_key([override.input_line or ""])  # an interval is refused there
+    return list(override.sweep_string_iterator())

@@ -22,9 +22,12 @@ from optuna.distributions import (
 )
 from optuna.trial import FrozenTrial
 
-from fl3d.errors import ConfigError
+from fl3d.core.errors import ConfigError
 
-GRAMMAR = "interval(0,5), tag(log,interval(0.01,1)), int(interval(1,8)), range(0,10,2), choice(a,b) or a,b"
+GRAMMAR = (
+    "interval(0,5), tag(log,interval(0.01,1)), int(interval(1,8)), range(0,10,2), "
+    "choice(a,b) or a,b"
+)
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,8 @@ class Space:
 
     Args:
         fixed: overrides that all trials have.
-        axes: distributions by key, as written, such as ``loss.gamma`` or ``+schedule.stages.focal.set.loss.alpha``.
+        axes: distributions by key, as written, such as ``loss.gamma`` or
+            ``+schedule.stages.focal.set.loss.alpha``.
     """
 
     fixed: tuple[str, ...]
@@ -79,18 +83,24 @@ def _distribution(override: Override) -> BaseDistribution:
         if isinstance(value, RangeSweep):
             return _range(value)
         if isinstance(value, ChoiceSweep):
-            choices: list[Any] = list(override.sweep_iterator(transformer=Transformer.encode))
+            choices: list[Any] = list(override.sweep_iterator(transformer=_as_written))
             return CategoricalDistribution(choices)
     except (ValueError, TypeError) as error:
         raise ConfigError(f"{where}: {error}") from None
     raise ConfigError(f"{where}: not a search space. Possible: {GRAMMAR}")
 
 
+def _as_written(value: Any) -> Any:
+    """A choice that Optuna can keep: a number, or the text that stands for it in an override."""
+    return value if isinstance(value, bool | int | float) else Transformer.str(value)
+
+
 def _interval(sweep: IntervalSweep, override: Override) -> BaseDistribution:
     assert sweep.start is not None
     assert sweep.end is not None
     is_log = "log" in sweep.tags
-    if isinstance(sweep.start, int) and isinstance(sweep.end, int) and "int(" in (override.input_line or ""):
+    is_int = "int(" in (override.input_line or "")
+    if is_int and isinstance(sweep.start, int) and isinstance(sweep.end, int):
         return IntDistribution(sweep.start, sweep.end, log=is_log)
     return FloatDistribution(float(sweep.start), float(sweep.end), log=is_log)
 
@@ -103,4 +113,5 @@ def _range(sweep: RangeSweep) -> BaseDistribution:
         last = range(sweep.start, sweep.stop, sweep.step)[-1]
         return IntDistribution(sweep.start, last, step=sweep.step)
     count = int((sweep.stop - sweep.start) / sweep.step - 1e-9)
-    return FloatDistribution(float(sweep.start), float(sweep.start + count * sweep.step), step=float(sweep.step))
+    last_float = float(sweep.start + count * sweep.step)
+    return FloatDistribution(float(sweep.start), last_float, step=float(sweep.step))

@@ -9,13 +9,19 @@ import optuna
 import pandas as pd
 from optuna.trial import FrozenTrial, TrialState
 
-from fl3d.files import write_text
+from fl3d.core.files import write_text
 
 SHOWN = 10  # best trials
 KEY = "fl3d.trial"  # attribute of a trial in the study: its key
 
 
-def report_study(study: optuna.Study, objectives: Sequence[str], axes: Sequence[str], sweep: str, folder: Path) -> str:
+def report_study(
+    study: optuna.Study,
+    objectives: Sequence[str],
+    axes: Sequence[str],
+    sweep: str,
+    folder: Path,
+) -> str:
     """Write ``tables/study_<sweep>.csv`` and ``.md``, and return the Markdown.
 
     Args:
@@ -26,40 +32,59 @@ def report_study(study: optuna.Study, objectives: Sequence[str], axes: Sequence[
         folder: of the results.
     """
     trials = study.get_trials(deepcopy=False)
-    rows = [_row(trial, objectives, axes) for trial in trials]
-    if not rows:
+    if not trials:
         return ""
-    first = {trial.user_attrs.get(KEY, trial.number): trial.number for trial in reversed(trials)}
-    own = [trial for trial in trials if trial.number in first.values()]  # a point that came twice is shown once
-    done = [trial for trial in own if trial.state is TrialState.COMPLETE]
-    counts = {state: sum(trial.state is state for trial in trials) for state in TrialState}
-    said = ", ".join(f"{count} {state.name.lower()}" for state, count in counts.items() if count)
     is_front = len(objectives) > 1
-    if is_front:
-        front = {trial.number for trial in study.best_trials}
-        chosen = [trial for trial in own if trial.number in front]
-    else:
-        chosen = sorted(done, key=lambda t: -t.values[0])[:SHOWN]
+    shown = _front(study) if is_front else _best(trials)
     title = "Pareto front" if is_front else "best trials"
-    lines = [f"**Study {study.study_name}**, {title} by {', '.join(objectives)}; trials: {said}.", ""]
-    head = ["trial", *(axis.lstrip("+") for axis in axes), *objectives]
-    lines += ["| " + " | ".join(head) + " |", "|---" * (1 + len(axes)) + "|---:" * len(objectives) + "|"]
-    for trial in sorted(chosen, key=lambda t: -t.values[0]):
-        cells = [str(trial.number), *(_text(trial.params.get(a)) for a in axes), *(f"{v:.2f}" for v in trial.values)]
-        lines.append("| " + " | ".join(cells) + " |")
+    counts = {state: sum(trial.state is state for trial in trials) for state in TrialState}
+    states = ", ".join(f"{count} {state.name.lower()}" for state, count in counts.items() if count)
+    lines = [
+        f"**Study {study.study_name}**, {title} by {', '.join(objectives)}; trials: {states}.",
+        "",
+        _line(["trial", *(axis.lstrip("+") for axis in axes), *objectives]),
+        "|---" * (1 + len(axes)) + "|---:" * len(objectives) + "|",
+    ]
+    for trial in sorted(shown, key=lambda trial: -trial.values[0]):
+        searched = [_text(trial.params.get(axis)) for axis in axes]
+        values = [f"{value:.2f}" for value in trial.values]
+        lines.append(_line([str(trial.number), *searched, *values]))
     text = "\n".join(lines) + "\n"
-    write_text(folder / "tables" / f"study_{sweep}.md", text)
-    frame = pd.DataFrame(rows)
-    write_text(folder / "tables" / f"study_{sweep}.csv", frame.to_csv(index=False, lineterminator="\n"))
+    frame = pd.DataFrame([_row(trial, objectives, axes) for trial in trials])
+    tables = folder / "tables"
+    write_text(tables / f"study_{sweep}.md", text)
+    write_text(tables / f"study_{sweep}.csv", frame.to_csv(index=False, lineterminator="\n"))
     return "\n" + text
+
+
+def _once(trials: Sequence[FrozenTrial], of: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """Trials without those whose point came before: a point that came twice is shown once."""
+    first = {trial.user_attrs.get(KEY, trial.number): trial.number for trial in reversed(of)}
+    return [trial for trial in trials if trial.number in first.values()]
+
+
+def _front(study: optuna.Study) -> list[FrozenTrial]:
+    return _once(study.best_trials, study.get_trials(deepcopy=False))
+
+
+def _best(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    done = [trial for trial in _once(trials, trials) if trial.state is TrialState.COMPLETE]
+    return sorted(done, key=lambda trial: -trial.values[0])[:SHOWN]
 
 
 def _row(trial: FrozenTrial, objectives: Sequence[str], axes: Sequence[str]) -> dict[str, object]:
     values = trial.values or [None] * len(objectives)
-    reported = max(trial.intermediate_values, default=None)
-    front: dict[str, object] = {"number": trial.number, "state": trial.state.name.lower(), "last_epoch": reported}
+    front: dict[str, object] = {
+        "number": trial.number,
+        "state": trial.state.name.lower(),
+        "last_epoch": max(trial.intermediate_values, default=None),
+    }
     searched = {axis.lstrip("+"): trial.params.get(axis) for axis in axes}
     return front | searched | dict(zip(objectives, values, strict=True))
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
 
 
 def _text(value: object) -> str:

@@ -11,9 +11,10 @@ import optuna
 from optuna.storages import BaseStorage, RDBStorage
 from optuna.storages.journal import JournalFileBackend, JournalStorage
 
-from fl3d.errors import StoreError
-from fl3d.store.connection import database_url
-from fl3d.store.tracking import Store
+from fl3d.core.errors import StoreError
+from fl3d.runs.layout import StoreFolder
+from fl3d.store.mlflow.connection import database_url
+from fl3d.store.mlflow.tracking import MlflowStore
 
 
 def open_storage(url: str | None, root: Path, store_uri: str | None, name: str) -> BaseStorage:
@@ -23,12 +24,14 @@ def open_storage(url: str | None, root: Path, store_uri: str | None, name: str) 
         StoreError: it is MLflow's database: both tools keep a table ``alembic_version``.
     """
     if url is None:
-        path = root.absolute() / "studies" / f"{name}.log"
+        path = StoreFolder(root.absolute()).study(name)
         path.parent.mkdir(parents=True, exist_ok=True)
         with experimental():
             return JournalStorage(JournalFileBackend(str(path)))
-    if database_url(url) == Store(root, store_uri).uri:
-        raise StoreError(f"hydra.sweeper.storage: {url} is MLflow's database; Optuna needs one of its own")
+    if database_url(url) == MlflowStore(root, store_uri).uri:
+        raise StoreError(
+            f"hydra.sweeper.storage: {url} is MLflow's database; Optuna needs one of its own"
+        )
     return RDBStorage(database_url(url))
 
 

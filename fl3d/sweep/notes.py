@@ -1,0 +1,33 @@
+"""What a sweep says of itself: above its runs in the store, and when it starts."""
+
+from __future__ import annotations
+
+from fl3d.config.settings import Settings
+from fl3d.runs.layout import StoreFolder
+from fl3d.sweep.plan import Plan
+
+
+def note(settings: Settings) -> str:
+    """What the store shows above a sweep's runs, as Markdown."""
+    words = (
+        f"+sweep={settings.sweep.name}"
+        if settings.sweep.question
+        else f"sweep.name={settings.sweep.name}"
+    )
+    place = f"data={settings.data.name} profile={settings.profile}"
+    return (
+        f"**{settings.sweep.question or 'Trials started by hand.'}**\n\n"
+        f"Tables: `python -m fl3d tables {words} {place}`; gains with intervals: `python -m fl3d gains` with the same "
+        f"words. One run is one trial; `ap_3d/moderate` over steps is its curve; the models *last* and *best* are what "
+        f"tables show. Protocol {settings.protocol.id}."
+    )
+
+
+def announcement(settings: Settings, plan: Plan, layout: StoreFolder, slots: int) -> str:
+    """What is said before a sweep starts."""
+    if not plan.trials:
+        return f"{settings.experiment}: trials are proposed one by one, {slots} stages at once"
+    todo = [key for key in plan.stages if not layout.run(key).is_done]
+    shared = f"{plan.epochs} epochs (without shared beginnings {plan.plain_epochs})"
+    left = f"{len(todo)} stages to train, {slots} at once" if todo else "everything is done"
+    return f"{settings.experiment}: {len(plan.trials)} trials in {len(plan.stages)} stages, {shared}; {left}"
