@@ -1,0 +1,104 @@
+"""What choosing the best checkpoint is worth: choose on one half of the validation frames, report on the other."""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from fl3d.evaluation.bootstrap import resampled_aps
+from fl3d.evaluation.protocol import DIFFICULTIES
+from fl3d.runs.finished import FinishedSweep, FinishedTrial
+
+HALVINGS = 100
+Float = NDArray[np.float64]
+
+
+def split_halves(sweep: FinishedSweep) -> pd.DataFrame:
+    """3D AP moderate of the checkpoint that a half chooses, on it and on the other half.
+
+    Args:
+        sweep: its run folders must be at hand.
+
+    Returns:
+        a row a trial: ``trial``, ``chosen`` and ``other``, means over halvings in both directions.
+    """
+    rows = []
+    for trial in tqdm(sweep.trials, desc="halves", unit="trial", leave=False, disable=None):
+        chosen, other = _halved(sweep, trial)
+        rows.append({"trial": trial.key, "chosen": chosen, "other": other})
+    return pd.DataFrame(rows)
+
+
+def _halved(sweep: FinishedSweep, trial: FinishedTrial) -> tuple[float, float]:
+    sides: NDArray[np.int64] | None = None
+    means = []
+    moderate = []
+    for step in trial.folder.steps():
+        comparison = sweep.comparison(trial, step)
+        matches = {level: comparison.matches("Car", "3d", level) for level in DIFFICULTIES}
+        if sides is None:
+            sides = halves(len(matches["moderate"].n_gt))
+        flat = sides.reshape(-1, sides.shape[2])
+        aps = {
+            level: resampled_aps(m, flat)[:, 0].reshape(2, HALVINGS) for level, m in matches.items()
+        }
+        means.append(np.mean(list(aps.values()), axis=0))
+        moderate.append(aps["moderate"])
+    return split_half(np.stack(means, axis=-1), np.stack(moderate, axis=-1))
+
+
+def halves(n_frames: int) -> NDArray[np.int64]:
+    """Which frames are on each side: (2, R, F) of 0 and 1."""
+    rng = np.random.default_rng([0, n_frames])
+    first = np.zeros((HALVINGS, n_frames), dtype=np.int64)
+    for row in first:
+        row[rng.permutation(n_frames)[: n_frames // 2]] = 1
+    return np.stack([first, 1 - first])
+
+
+def split_half(means: Float, scores: Float) -> tuple[float, float]:
+    """AP of the checkpoint that one half of the frames chooses: on that half, and on the other.
+
+    Args:
+        means: (2, R, C) what is chosen by, on each side of R halvings, of C checkpoints.
+        scores: (2, R, C) what is reported.
+    """
+    best = means.argmax(axis=2)[..., None]
+    there = float(np.take_along_axis(scores, best, 2).mean())
+    elsewhere = float(np.take_along_axis(scores[::-1], best, 2).mean())
+    return there, elsewhere
+
+
+def best_of_k(values: Float) -> Float:
+    """Mean of the best of k values drawn without replacement: (N,) -> (N,) for k = 1 to N."""
+    ordered = np.sort(values)
+    n = len(values)
+    means = []
+    for k in range(1, n + 1):
+        chances = np.array(
+            [comb(i, k - 1) / comb(n, k) for i in range(n)]
+        )  # that the i-th smallest is the best of k
+        means.append(float(chances @ ordered))
+    return np.array(means)
+
+
+def best_of_k_checkpoints(scores: pd.DataFrame) -> pd.DataFrame:
+    """Mean 3D AP moderate of the best of k checkpoints of a trial's whole curve, seeds averaged.
+
+    Args:
+        scores: tidy.
+
+    Returns:
+        a row for each group, level and k: ``best``.
+    """
+    parts = []
+    for (group, level, seed), own in scores.groupby(["group", "level", "seed"], sort=False):
+        best = best_of_k(own["ap_3d/moderate"].to_numpy())
+        front = {"group": group, "level": level, "seed": seed}
+        parts.append(pd.DataFrame(front | {"k": np.arange(1, len(best) + 1), "best": best}))
+    every = pd.concat(parts, ignore_index=True)
+    return every.groupby(["group", "level", "k"], sort=False)["best"].mean().reset_index()
