@@ -1,1 +1,1 @@
-"""From scores to the papers' tables and figures."""
+"""Tables, figures and pages of any sweep, drawn from frames; no paper and no store is known here."""

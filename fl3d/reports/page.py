@@ -6,7 +6,6 @@ import base64
 import html
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 STYLE = """
 :root { color-scheme: light; }
@@ -29,7 +28,9 @@ pre { overflow-x: auto; background: #f4f4f4; padding: .6rem; } summary { cursor:
   a { color: inherit; text-decoration: none; }
 }
 """
-OPEN_ON_PAPER = "onbeforeprint = () => document.querySelectorAll('details').forEach(d => d.open = true)"
+OPEN_ON_PAPER = (
+    "onbeforeprint = () => document.querySelectorAll('details').forEach(d => d.open = true)"
+)
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,9 @@ class Section:
         return "".join(c if c.isalnum() else "-" for c in self.title.lower())
 
 
-def picture(path: Path, caption: str) -> str:
+def picture(image: bytes, caption: str) -> str:
     """A PNG within the page."""
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    data = base64.b64encode(image).decode("ascii")
     text = html.escape(caption)
     return f"<figure><img alt='{text}' src='data:image/png;base64,{data}'><figcaption>{text}</figcaption></figure>"
 
@@ -84,7 +85,9 @@ def link(address: str, text: str) -> str:
 
 def page(title: str, lead: str, sections: Sequence[Section]) -> str:
     """The whole document."""
-    contents = "".join(f"<a href='#{section.anchor}'>{html.escape(section.title)}</a>" for section in sections)
+    contents = "".join(
+        f"<a href='#{section.anchor}'>{html.escape(section.title)}</a>" for section in sections
+    )
     body = "\n".join(
         f"<section id='{section.anchor}'><h2>{html.escape(section.title)}</h2>\n"
         + "\n".join(section.parts)

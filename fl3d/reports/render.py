@@ -15,6 +15,8 @@ SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"  # 
 SYMBOLS = {
     "γ": r"$\gamma$",
     "α": r"$\alpha$",
+    "β": r"$\beta$",
+    "η": r"$\eta$",
     "≥": r"$\geq$",
     "≤": r"$\leq$",
     "×": r"$\times$",
@@ -31,7 +33,9 @@ def to_csv(table: Table) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([keys[i] for i in order])
-    writer.writerows([row[i].text if row[i].raw is None else row[i].raw for i in order] for row in table.rows)
+    writer.writerows(
+        [row[i].text if row[i].raw is None else row[i].raw for i in order] for row in table.rows
+    )
     return out.getvalue()
 
 
@@ -62,19 +66,31 @@ def _markdown(cell: Cell) -> str:
 
 def to_latex(table: Table) -> str:
     """A table that compiles as it is, with booktabs and graphicx; a wide one spans both columns of a page."""
-    width = sum(max(len(cell.text) for cell in column) for column in zip(*table.rows, strict=True)) if table.rows else 0
+    width = (
+        sum(max(len(cell.text) for cell in column) for column in zip(*table.rows, strict=True))
+        if table.rows
+        else 0
+    )
     kind = "table*" if width > 60 else "table"
-    groups = [(name, len(list(columns))) for name, columns in groupby(table.columns, lambda column: column.group)]
+    groups = [
+        (name, len(list(columns)))
+        for name, columns in groupby(table.columns, lambda column: column.group)
+    ]
     lines = [rf"\begin{{{kind}}}[t]", r"\centering", r"\setlength{\tabcolsep}{4pt}"]
     lines += [rf"\caption{{{_latex(_sentence(table))}}}", SHRINK]
-    lines += [rf"\begin{{tabular}}{{{''.join('r' if c.is_number else 'l' for c in table.columns)}}}", r"\toprule"]
+    lines += [
+        rf"\begin{{tabular}}{{{''.join('r' if c.is_number else 'l' for c in table.columns)}}}",
+        r"\toprule",
+    ]
     if any(name for name, _ in groups):
         cells = [_span(GROUPS.get(name, name), n) if name else "& " * (n - 1) for name, n in groups]
         lines += [" & ".join(cells) + r" \\", _rules(groups)]
     lines += [" & ".join(_latex(column.head) for column in table.columns) + r" \\", r"\midrule"]
     lines += [" & ".join(_latex_cell(cell) for cell in row) + r" \\" for row in table.rows]
     lines += [r"\bottomrule", r"\end{tabular}}"]
-    lines += [rf"\par\smallskip\footnotesize {_latex(' '.join(table.notes))}"] if table.notes else []
+    lines += (
+        [rf"\par\smallskip\footnotesize {_latex(' '.join(table.notes))}"] if table.notes else []
+    )
     return "\n".join([*lines, rf"\end{{{kind}}}"]) + "\n"
 
 
@@ -93,7 +109,9 @@ def _rules(groups: list[tuple[str, int]]) -> str:
 
 def _latex_cell(cell: Cell) -> str:
     text = _latex(cell.text)
-    return (rf"\textbf{{{text}}}" if cell.bold else text) + (r"\textsuperscript{*}" if cell.star else "")
+    return (rf"\textbf{{{text}}}" if cell.bold else text) + (
+        r"\textsuperscript{*}" if cell.star else ""
+    )
 
 
 def _latex(text: str) -> str:
@@ -106,18 +124,28 @@ def _latex(text: str) -> str:
 
 def to_html(table: Table) -> str:
     """An element for a page."""
-    groups = [(name, len(list(columns))) for name, columns in groupby(table.columns, lambda column: column.group)]
+    groups = [
+        (name, len(list(columns)))
+        for name, columns in groupby(table.columns, lambda column: column.group)
+    ]
     title = f"<b>{table.title}</b> " if table.title else ""
-    lines = [f"<figure id='table-{table.name}'><figcaption>{title}{html.escape(_sentence(table))}</figcaption>"]
+    lines = [
+        f"<figure id='table-{table.name}'><figcaption>{title}{html.escape(_sentence(table))}</figcaption>"
+    ]
     lines += ["<div class='scroll'><table><thead>"]
     if any(name for name, _ in groups):
         spans = (f"<th class='group' colspan='{n}'>{html.escape(name)}</th>" for name, n in groups)
         lines += ["<tr>" + "".join(spans) + "</tr>"]
-    heads = (f"<th{' class=number' if c.is_number else ''}>{html.escape(c.head)}</th>" for c in table.columns)
+    heads = (
+        f"<th{' class=number' if c.is_number else ''}>{html.escape(c.head)}</th>"
+        for c in table.columns
+    )
     lines += ["<tr>" + "".join(heads) + "</tr></thead>", "<tbody>"]
     for row in table.rows:
         cells = zip(row, table.columns, strict=True)
-        lines += ["<tr>" + "".join(_html_cell(cell, column.is_number) for cell, column in cells) + "</tr>"]
+        lines += [
+            "<tr>" + "".join(_html_cell(cell, column.is_number) for cell, column in cells) + "</tr>"
+        ]
     notes = [f"<p class='note'>{html.escape(note)}</p>" for note in table.notes]
     return "\n".join([*lines, "</tbody></table></div>", *notes, "</figure>"]) + "\n"
 

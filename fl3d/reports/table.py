@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -13,7 +14,7 @@ class Cell:
         text: as printed.
         bold: whether it is set in bold.
         raw: for CSV, where it differs from the text.
-        star: whether the table's certain gains are marked here.
+        star: whether it is marked, see the table's legend.
     """
 
     text: str
@@ -44,13 +45,15 @@ class Table:
     """A table.
 
     Args:
-        name: ``II``, or ``II_published`` for another view of it: files are called after it.
+        name: files are called after it.
         caption: one sentence, without a full stop.
         columns: in printed order.
         rows: a cell for each column.
         legend: what bold and stars stand for.
         notes: what a reader must know beside the numbers.
         csv_order: keys of the columns in CSV, where that order differs.
+        title: printed before the caption, such as ``Table III.``; empty for a table that no paper has.
+        view: what kind of view of another table it is: ``published`` or ``intervals``; empty: none.
     """
 
     name: str
@@ -60,18 +63,21 @@ class Table:
     legend: str = ""
     notes: tuple[str, ...] = ()
     csv_order: tuple[str, ...] = ()
+    title: str = ""
+    view: str = ""
 
     @property
-    def number(self) -> str:
-        """Of the paper's table: ``II``; of a table that the paper has not, its name."""
-        return self.name.partition("_")[0]
+    def base(self) -> str:
+        """Name of the table that this is a view of: ``III`` of ``III_intervals``."""
+        return self.name.removesuffix(f"_{self.view}") if self.view else self.name
 
-    @property
-    def title(self) -> str:
-        """``Table II.``, ``Table 2 of the report.``, or nothing for a table that neither has."""
-        if self.number[0] == "R" and self.number[1:].isdigit():
-            return f"Table {self.number[1:]} of the report."
-        return f"Table {self.number}." if set(self.number) <= set("IVX") else ""
+    def as_view(self, view: str, **changes: Any) -> Table:
+        """Another view of this table."""
+        return replace(self, name=f"{self.name}_{view}", view=view, **changes)
+
+    def with_notes(self, *notes: str) -> Table:
+        """The same with other notes."""
+        return replace(self, notes=notes)
 
     def column(self, key: str) -> tuple[Cell, ...]:
         """The cells of one column."""
@@ -80,7 +86,12 @@ class Table:
 
 
 AP_COLUMNS = {
-    f"{view}_{level}": f"ap_{view}/{level}" for view in ("bev", "3d") for level in ("easy", "moderate", "hard")
+    f"{view}_{level}": f"ap_{view}/{level}"
+    for view in ("bev", "3d")
+    for level in ("easy", "moderate", "hard")
 }
 HEADS = {"easy": "Easy", "moderate": "Mod", "hard": "Hard"}
-APS = tuple(Column(key, HEADS[key.partition("_")[2]], key.partition("_")[0].upper(), True) for key in AP_COLUMNS)
+APS = tuple(
+    Column(key, HEADS[key.partition("_")[2]], key.partition("_")[0].upper(), True)
+    for key in AP_COLUMNS
+)

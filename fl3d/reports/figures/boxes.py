@@ -40,13 +40,13 @@ class Scene:
     found: Labels
 
 
-def figure_1(
+def boxes_of_models(
     models: dict[str, list[Scene]],
     beyond: tuple[float, float, float, float] | None,
     path: Path,
     endings: tuple[str, ...] = (".png", ".pdf"),
 ) -> list[Path]:
-    """Figure 1: for each model a row of pictures with projected boxes and a row of the same frames from above.
+    """For each model a row of pictures with projected boxes and a row of the same frames from above.
 
     Args:
         models: by name, the same frames for each.
@@ -76,7 +76,7 @@ def figure_1(
         return save(figure, path, endings)
 
 
-def _picture(axes: Axes, scene: Scene) -> None:
+def draw_picture(axes: Axes, scene: Scene) -> None:
     """The picture, or the cloud as the camera would see it."""
     frame, calibration = scene.frame, scene.frame.calibration
     width, height = frame.image_size
@@ -99,12 +99,15 @@ def _picture(axes: Axes, scene: Scene) -> None:
 
 
 def _on_picture(axes: Axes, scene: Scene) -> None:
-    _picture(axes, scene)
+    draw_picture(axes, scene)
     frame, calibration = scene.frame, scene.frame.calibration
     width, height = frame.image_size
     cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[frame.labels.types == "Car"])
     found = calibration.boxes_to_velo(scene.found.boxes_cam)
-    for boxes, color, strength in ((cars, PURPLE, np.ones(len(cars))), (found, BLUE, _strength(scene.found))):
+    for boxes, color, strength in (
+        (cars, PURPLE, np.ones(len(cars))),
+        (found, BLUE, _strength(scene.found)),
+    ):
         for corners, alpha in zip(corners_velo(boxes), strength, strict=True):
             corners_cam = calibration.points_to_cam(corners)
             if corners_cam[:, 2].min() < NEAR:
@@ -116,40 +119,18 @@ def _on_picture(axes: Axes, scene: Scene) -> None:
 
 
 def _strength(found: Labels) -> Array:
-    """The surer the stronger."""
+    """Of a box: the higher its score, the stronger."""
     return np.clip(found.scores if found.scores is not None else np.zeros(0), 0.15, 1)
 
 
-def figure_8(scenes: list[Scene], path: Path, least: float = 0.5) -> list[Path]:
-    """The report's Figure 8: 2D boxes of labels, and of a 2D detector where its score is at least ``least``.
-
-    Args:
-        scenes: frames with ``image_boxes``.
-        path: without ending.
-        least: score.
-    """
-    with plt.rc_context(STYLE):
-        figure, grid = plt.subplots(len(scenes), 1, figsize=(5, 1.6 * len(scenes)), squeeze=False, layout="constrained")
-        for axes, scene in zip(grid[:, 0], scenes, strict=True):
-            assert scene.frame.image_boxes is not None
-            _picture(axes, scene)
-            labels = scene.frame.labels
-            found = scene.frame.image_boxes[scene.frame.image_boxes[:, 4] >= least]
-            both = ((labels.boxes_image[labels.types == "Car"], PURPLE, "ground truth"), (found, BLUE, "2D detector"))
-            for boxes, color, label in both:
-                axes.plot([], [], color=color, lw=1, label=label)
-                for x1, y1, x2, y2 in boxes[:, :4]:
-                    axes.plot([x1, x2, x2, x1, x1], [y1, y1, y2, y2, y1], color=color, lw=0.8)
-            width, height = scene.frame.image_size
-            axes.set(xlim=(0, width), ylim=(height, 0), xticks=[], yticks=[], aspect="equal")
-        grid[0, 0].legend(loc="upper right", fontsize=6)
-        return save(figure, path)
-
-
 def birds_eye(
-    frame: Frame, detections: Labels, beyond: tuple[float, float, float, float] | None, title: str, path: Path
+    frame: Frame,
+    detections: Labels,
+    beyond: tuple[float, float, float, float] | None,
+    title: str,
+    path: Path,
 ) -> list[Path]:
-    """One frame from above: points, cars (purple) and estimates (blue, with scores; the surer the stronger).
+    """One frame from above: points, cars (purple) and estimates (blue, with scores; the higher the stronger).
 
     Args:
         frame: cloud and labels.
@@ -164,19 +145,31 @@ def birds_eye(
         boxes = frame.calibration.boxes_to_velo(detections.boxes_cam)
         scores = detections.scores if detections.scores is not None else np.zeros(0)
         for box, score, alpha in zip(boxes, scores, _strength(detections), strict=True):
-            axes.annotate(f"{score:.2f}", box[:2], fontsize=4, color=BLUE, ha="center", va="center", alpha=alpha)
+            axes.annotate(
+                f"{score:.2f}",
+                box[:2],
+                fontsize=4,
+                color=BLUE,
+                ha="center",
+                va="center",
+                alpha=alpha,
+            )
         axes.set_title(title)
         axes.legend(loc="upper left", fontsize=6)
         return save(figure, path, (".png",))  # one for each trial, to look at in MLflow
 
 
-def from_above(axes: Axes, frame: Frame, found: Labels, beyond: tuple[float, float, float, float] | None) -> None:
+def from_above(
+    axes: Axes, frame: Frame, found: Labels, beyond: tuple[float, float, float, float] | None
+) -> None:
     """Draw points, cars and estimates of a frame in the plane of the ground."""
     points = frame.points_velo
     axes.scatter(points[:, 0], points[:, 1], s=0.15, c="0.55", linewidths=0, rasterized=True)
     cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[frame.labels.types == "Car"])
     _outlines(axes, cars, PURPLE, "ground truth", np.ones(len(cars)))
-    _outlines(axes, frame.calibration.boxes_to_velo(found.boxes_cam), BLUE, "estimate", _strength(found))
+    _outlines(
+        axes, frame.calibration.boxes_to_velo(found.boxes_cam), BLUE, "estimate", _strength(found)
+    )
     x0, y0, x1, y1 = beyond or (0, -40, 70.4, 40)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal", xlabel="x (m)", ylabel="y (m)")
 

@@ -1,4 +1,7 @@
-"""Figures of APs: against steps, gamma and score cut, and precision against recall."""
+"""Figures of APs of any sweep: against steps, level and score cut, and precision against recall.
+
+A panel a group, a curve a level.
+"""
 
 from __future__ import annotations
 
@@ -8,104 +11,103 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from fl3d.reports.figures.style import BLUE, ORANGE, draw_by_gamma, panels, shades, write_data
-from fl3d.reports.honest import best_of_k
-from fl3d.reports.selection import select
-from fl3d.reports.table import AP_COLUMNS
+from fl3d.reports.figures.style import BLUE, ORANGE, draw_by_level, panels, shades, write_data
+from fl3d.reports.levels import Levels, ap_columns
 
-LEVELS = {"easy": ("^", ":"), "moderate": ("o", "-"), "hard": ("v", "--")}
+MARKS = {"easy": ("^", ":"), "moderate": ("o", "-"), "hard": ("v", "--")}
+METRIC = "ap_3d/moderate"
 
 
-def ap_over_steps(scores: pd.DataFrame, path: Path, stages: str = "last") -> list[Path]:
-    """3D AP moderate of every checkpoint; a panel a detector, a curve a gamma, last and best marked, the fork dotted.
+def ap_over_steps(
+    scores: pd.DataFrame, last: pd.DataFrame, best: pd.DataFrame, levels: Levels, path: Path
+) -> list[Path]:
+    """3D AP moderate of every checkpoint; last and best marked, the step at which the last stage begins dotted.
 
     Args:
         scores: tidy; seeds are averaged.
+        last: the last checkpoint of each trial.
+        best: likewise.
+        levels: of the sweep.
         path: without ending.
-        stages: where ``best`` looks, see ``selection.select``.
     """
-    metric = "ap_3d/moderate"
-    chosen = {rule: select(scores, rule, stages) for rule in ("last", "best")}
-    columns = ["detector", "gamma", "seed", "step", metric]
-    data = scores.sort_values(columns[:4])[columns].reset_index(drop=True)
-    marked = {rule: set(zip(own["trial"], own["step"], strict=True)) for rule, own in chosen.items()}
-    places = list(zip(scores.sort_values(columns[:4])["trial"], data["step"], strict=True))
-    data = data.assign(**{rule: [place in marked[rule] for place in places] for rule in marked})
+    data = scores[["trial", "group", "level", "seed", "step", METRIC]].reset_index(drop=True)
+    places = list(zip(data["trial"], data["step"], strict=True))
+    for rule, chosen in (("last", last), ("best", best)):
+        marked = set(zip(chosen["trial"], chosen["step"], strict=True))
+        data = data.assign(**{rule: [place in marked for place in places]})
 
-    def panel(axes: Axes, detector: str) -> None:
-        own = data[data["detector"] == detector]
-        gammas = sorted(own["gamma"].unique())
-        for gamma, (color, _) in zip(gammas, shades(gammas), strict=True):
-            some = own[own["gamma"] == gamma]
-            curve = some.groupby("step")[metric].mean()
-            axes.plot(curve.index, curve, color=color, lw=1, label=f"γ = {gamma:g}")
-            for rule, marker in (("last", "o"), ("best", "*")):
+    def panel(axes: Axes, group: str) -> None:
+        own = data[data["group"] == group]
+        for level, (color, _) in shades(levels.labels):
+            some = own[own["level"] == level]
+            curve = some.groupby("step")[METRIC].mean()
+            axes.plot(curve.index, curve, color=color, lw=1, label=levels.text(level))
+            for rule, marker, size in (("last", "o", 3), ("best", "*", 6)):
                 at = some[some[rule]]
-                axes.plot(at["step"], at[metric], color=color, ls="", marker=marker, ms=3 if rule == "last" else 6)
-        fork = scores[scores["detector"] == detector]["first_own_step"].iloc[0]
+                axes.plot(at["step"], at[METRIC], color=color, ls="", marker=marker, ms=size)
+        fork = scores[scores["group"] == group]["first_own_step"].iloc[0]
         axes.axvline(fork, color="0.6", lw=0.8, ls=":")
         axes.plot([], [], color="0.3", ls="", marker="o", ms=3, label="last")
         axes.plot([], [], color="0.3", ls="", marker="*", ms=6, label="best")
         axes.set_xlabel("training step")
         axes.set_ylabel("3D AP moderate (%)")
 
-    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 5)]
+    written = write_data(data.drop(columns="trial"), path)
+    return [written, *panels(sorted(data["group"].unique()), path, panel, 5)]
 
 
-def overlap_over_epochs(scores: pd.DataFrame, path: Path) -> list[Path]:
-    """The report's Figure 4: the cars' mean best overlap over epochs, and the share of those above 0.5 and 0.7.
-
-    Args:
-        scores: tidy, of one trial.
-        path: without ending.
-    """
-    lines = {"recall_3d/mean_iou": "mean IoU", "recall_3d/0.5": "IoU > 0.5", "recall_3d/0.7": "IoU > 0.7"}
-    data = scores.sort_values("step")[["detector", "epoch", "step", *lines]].reset_index(drop=True)
-    fork = data[data["step"] <= scores["first_own_step"].iloc[0]]["epoch"].max()
-
-    def panel(axes: Axes, detector: str) -> None:
-        for (key, label), style in zip(lines.items(), ("-", "--", ":"), strict=True):
-            axes.plot(data["epoch"], data[key], color=BLUE, ls=style, marker="o", ms=2.5, lw=1, label=label)
-        if np.isfinite(fork):
-            axes.axvline(fork, color="0.6", lw=0.8, ls=":")
-        axes.set_xlabel("epoch")
-        axes.set_ylabel("3D overlap of cars, and shares above")
-        axes.set_ylim(0, 1)
-
-    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 3)]
-
-
-def ap_over_gamma(scores: pd.DataFrame, path: Path, gains: pd.DataFrame | None = None) -> list[Path]:
-    """APs of the last models against gamma (evenly spaced); thin lines: gamma = 0.
+def ap_over_level(
+    last: pd.DataFrame, levels: Levels, path: Path, gains: pd.DataFrame | None = None
+) -> list[Path]:
+    """APs of the last models against the level (evenly spaced); thin lines: the baseline.
 
     Args:
-        scores: tidy; seeds are averaged.
+        last: the last checkpoint of each trial; seeds are averaged.
+        levels: of the sweep.
         path: without ending.
-        gains: see ``gains.gains``; with it, 3D moderate has its 95 % intervals as bars.
+        gains: see ``analysis.gains.gains``; with it, 3D moderate has its 95 % intervals as bars.
     """
-    metrics = list(AP_COLUMNS.values())
-    last = select(scores, "last").groupby(["detector", "gamma"])[metrics].mean().reset_index()
-    data = last if gains is None else last.merge(_ends(gains), on=["detector", "gamma"], how="left")
+    metrics = list(ap_columns("R11").values())
+    means = last.groupby(["group", "level"])[metrics].mean().reset_index()
+    data = means if gains is None else means.merge(_ends(gains), on=["group", "level"], how="left")
+    data = levels.sorted(data).sort_values("group", kind="stable").reset_index(drop=True)
 
-    def panel(axes: Axes, detector: str) -> None:
-        own = data[data["detector"] == detector].sort_values("gamma")
+    def panel(axes: Axes, group: str) -> None:
+        own = data[data["group"] == group]
         places = np.arange(len(own))
+        base = own[own["level"] == levels.baseline]
         for view, color, shift in (("bev", ORANGE, -0.08), ("3d", BLUE, 0.08)):
-            for level, (marker, line) in LEVELS.items():
-                metric = f"ap_{view}/{level}"
-                aps = own[metric].to_numpy()
-                label = f"{view.upper()} {level}"
-                axes.plot(places + shift, aps, color=color, marker=marker, ms=4, lw=1, ls=line, label=label)
-                if f"{metric} low" in own and (view, level) == ("3d", "moderate"):
-                    bars = np.maximum(0, [aps - own[f"{metric} low"], own[f"{metric} high"] - aps])
-                    axes.errorbar(places + shift, aps, bars, fmt="none", ecolor=color, elinewidth=0.7, capsize=1.5)
-                if own["gamma"].iloc[0] == 0:
-                    axes.axhline(aps[0], color=color, lw=0.5, ls=line, alpha=0.4)
-        axes.set_xticks(places, [f"{gamma:g}" for gamma in own["gamma"]])
-        axes.set_xlabel("γ")
+            for difficulty, (marker, line) in MARKS.items():
+                metric = f"ap_{view}/{difficulty}"
+                label = f"{view.upper()} {difficulty}"
+                axes.plot(
+                    places + shift,
+                    own[metric],
+                    color=color,
+                    marker=marker,
+                    ms=4,
+                    lw=1,
+                    ls=line,
+                    label=label,
+                )
+                if metric == METRIC and f"{metric} low" in own:
+                    _bars(axes, places + shift, own, metric, color)
+                if len(base):
+                    axes.axhline(base[metric].iloc[0], color=color, lw=0.5, ls=line, alpha=0.4)
+        long = max(len(level) for level in own["level"]) > 6
+        axes.set_xticks(
+            places, list(own["level"]), rotation=30 if long else 0, ha="right" if long else "center"
+        )
+        axes.set_xlabel(levels.head)
         axes.set_ylabel("AP of the last model (%)")
 
-    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 3, 3.2)]
+    return [write_data(data, path), *panels(sorted(data["group"].unique()), path, panel, 3, 3.2)]
+
+
+def _bars(axes: Axes, places: np.ndarray, own: pd.DataFrame, metric: str, color: str) -> None:
+    aps = own[metric].to_numpy()
+    bars = np.maximum(0, [aps - own[f"{metric} low"], own[f"{metric} high"] - aps])
+    axes.errorbar(places, aps, bars, fmt="none", ecolor=color, elinewidth=0.7, capsize=1.5)
 
 
 def _ends(gains: pd.DataFrame) -> pd.DataFrame:
@@ -114,65 +116,58 @@ def _ends(gains: pd.DataFrame) -> pd.DataFrame:
     own["name"] = "ap_" + own["metric"] + "/" + own["difficulty"]
     parts = []
     for end in ("low", "high"):
-        wide = own.pivot_table(index=["detector", "gamma"], columns="name", values=f"ap_{end}")
+        wide = own.pivot_table(index=["group", "level"], columns="name", values=f"ap_{end}")
         parts.append(wide.add_suffix(f" {end}"))
     return pd.concat(parts, axis=1).reset_index()
 
 
-def ap_over_cut(rescored: pd.DataFrame, path: Path) -> list[Path]:
+def ap_over_cut(rescored: pd.DataFrame, levels: Levels, path: Path) -> list[Path]:
     """3D AP moderate of the last models against the score below which detections are dropped.
 
     Args:
-        rescored: a row a trial and cut: ``detector``, ``gamma``, ``score_threshold``, ``ap_3d/moderate``.
+        rescored: a row a trial and cut: ``group``, ``level``, ``score_threshold``, ``ap_3d/moderate``.
+        levels: of the sweep.
         path: without ending.
     """
-    metric = "ap_3d/moderate"
     data = rescored.assign(cut=rescored["score_threshold"].astype(float))
-    data = data.groupby(["detector", "gamma", "cut"])[metric].mean().reset_index()
+    data = data.groupby(["group", "level", "cut"])[METRIC].mean().reset_index()
 
-    def panel(axes: Axes, detector: str) -> None:
-        own = data[data["detector"] == detector]
-        draw_by_gamma(axes, own, "cut", metric)
+    def panel(axes: Axes, group: str) -> None:
+        draw_by_level(axes, data[data["group"] == group], levels, "cut", METRIC)
         axes.set_xlabel("score cut")
         axes.set_ylabel("3D AP moderate (%)")
 
-    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 4)]
+    return [write_data(data, path), *panels(sorted(data["group"].unique()), path, panel, 4)]
 
 
-def precision_recall(curves: pd.DataFrame, path: Path) -> list[Path]:
+def precision_recall(curves: pd.DataFrame, levels: Levels, path: Path) -> list[Path]:
     """Precision of the last models against recall, 3D moderate.
 
     Args:
-        curves: ``detector``, ``gamma``, ``recall`` and ``precision``; seeds averaged.
+        curves: ``group``, ``level``, ``recall`` and ``precision``; seeds averaged.
+        levels: of the sweep.
         path: without ending.
     """
 
-    def panel(axes: Axes, detector: str) -> None:
-        own = curves[curves["detector"] == detector]
-        draw_by_gamma(axes, own, "recall", "precision", 4)
+    def panel(axes: Axes, group: str) -> None:
+        draw_by_level(axes, curves[curves["group"] == group], levels, "recall", "precision", 4)
         axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02))
 
-    return [write_data(curves, path), *panels(sorted(curves["detector"].unique()), path, panel, 4)]
+    return [write_data(curves, path), *panels(sorted(curves["group"].unique()), path, panel, 4)]
 
 
-def best_of_k_figure(scores: pd.DataFrame, path: Path) -> list[Path]:
+def best_of_k_figure(data: pd.DataFrame, levels: Levels, path: Path) -> list[Path]:
     """Mean 3D AP moderate of the best of k checkpoints of a trial's whole curve: what looking k times is worth.
 
     Args:
-        scores: tidy; seeds are averaged.
+        data: see ``analysis.split_halves.best_of_k_checkpoints``.
+        levels: of the sweep.
         path: without ending.
     """
-    rows = []
-    for (detector, gamma, seed), own in scores.groupby(["detector", "gamma", "seed"]):
-        means = best_of_k(own["ap_3d/moderate"].to_numpy())
-        part = {"detector": detector, "gamma": gamma, "seed": seed, "k": np.arange(1, len(means) + 1), "best": means}
-        rows.append(pd.DataFrame(part))
-    data = pd.concat(rows, ignore_index=True).groupby(["detector", "gamma", "k"])["best"].mean().reset_index()
 
-    def panel(axes: Axes, detector: str) -> None:
-        own = data[data["detector"] == detector]
-        draw_by_gamma(axes, own, "k", "best")
+    def panel(axes: Axes, group: str) -> None:
+        draw_by_level(axes, data[data["group"] == group], levels, "k", "best")
         axes.set_xlabel("checkpoints looked at, k")
         axes.set_ylabel("best 3D AP moderate, mean (%)")
 
-    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 4)]
+    return [write_data(data, path), *panels(sorted(data["group"].unique()), path, panel, 4)]

@@ -16,7 +16,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fl3d.files import write_atomically, write_text
+from fl3d.core.files import write_atomically, write_text
+from fl3d.reports.levels import Levels
 
 STYLE: Any = {
     "font.size": 8,
@@ -25,10 +26,19 @@ STYLE: Any = {
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
 }
-PURPLE, BLUE, ORANGE = "#7b2d8b", "#1f5fbf", "#d07a1c"  # ground truth and estimates as in the paper's Figure 1
+PURPLE, BLUE, ORANGE = (
+    "#7b2d8b",
+    "#1f5fbf",
+    "#d07a1c",
+)  # ground truth and estimates as in the paper's Figure 1
 MARKERS = "osD^v<>PX*"
-METADATA = {".png": {"Software": None}, ".pdf": {"CreationDate": None, "Producer": None, "Creator": None}}
+METADATA = {
+    ".png": {"Software": None},
+    ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+}
 COLUMN = 3.5  # inches: one column of a two-column page
+LEGEND_LETTERS = 17  # of a legend's 7 point font on an inch, measured on its widest labels
+LEGEND_HANDLE = 6  # letters that a legend's line and the gap behind it take
 
 
 def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")) -> list[Path]:
@@ -49,38 +59,64 @@ def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")
 
 def write_data(frame: pd.DataFrame, path: Path) -> Path:
     """The data of a figure, beside it."""
-    write_text(path.with_suffix(".csv"), frame.to_csv(index=False, lineterminator="\n", float_format="%.6g"))
+    write_text(
+        path.with_suffix(".csv"),
+        frame.to_csv(index=False, lineterminator="\n", float_format="%.6g"),
+    )
     return path.with_suffix(".csv")
 
 
-def shades(values: Sequence[float]) -> list[tuple[Any, str]]:
-    """A colour and a marker for each value: dark to light, so that they differ in grey too."""
-    colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, len(values)))
-    return [(color, MARKERS[k % len(MARKERS)]) for k, color in enumerate(colors)]
+def shades(levels: Sequence[str]) -> list[tuple[str, tuple[Any, str]]]:
+    """A colour and a marker for each level: dark to light, so that they differ in grey too."""
+    colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, len(levels)))
+    looks = [(color, MARKERS[number % len(MARKERS)]) for number, color in enumerate(colors)]
+    return list(zip(levels, looks, strict=True))
 
 
-def draw_by_gamma(axes: Axes, own: pd.DataFrame, x: str, y: str, every: float = 1) -> None:
-    """A curve for each gamma: column ``y`` against ``x``, a marker at every so many points (or share of the curve)."""
-    gammas = sorted(own["gamma"].unique())
-    for gamma, (color, marker) in zip(gammas, shades(gammas), strict=True):
-        curve, look = own[own["gamma"] == gamma], {"color": color, "marker": marker, "ms": 2.5, "markevery": every}
-        axes.plot(curve[x], curve[y], **look, lw=1, label=f"γ = {gamma:g}")
+def draw_by_level(
+    axes: Axes, own: pd.DataFrame, levels: Levels, x: str, y: str, every: float = 1
+) -> None:
+    """A curve for each level: column ``y`` against ``x``, a marker at every so many points (or share of the curve)."""
+    for level, (color, marker) in shades(levels.labels):
+        curve = own[own["level"] == level]
+        if curve.empty:
+            continue
+        look = {"color": color, "marker": marker, "ms": 2.5, "markevery": every, "lw": 1}
+        axes.plot(curve[x], curve[y], label=levels.text(level), **look)
+
+
+def _columns_that_fit(labels: Sequence[str], width: float) -> int:
+    """Columns of a legend on a figure so many inches wide."""
+    longest = max(len(label) for label in labels) + LEGEND_HANDLE
+    return max(1, int(width * LEGEND_LETTERS / longest))
 
 
 def panels(
-    names: Sequence[str], path: Path, panel: Callable[[Axes, str], None], legend_columns: int, height: float = 2.9
+    names: Sequence[str],
+    path: Path,
+    panel: Callable[[Axes, str], None],
+    legend_columns: int,
+    height: float = 2.9,
 ) -> list[Path]:
     """Panels in rows of two, as wide as a page's two columns, with one legend below."""
     n_rows, n_columns = -(-len(names) // 2), min(2, len(names))
     with plt.rc_context(STYLE):
         size = (COLUMN * n_columns, height * n_rows)
-        figure, grid = plt.subplots(n_rows, n_columns, figsize=size, squeeze=False, layout="constrained")
+        figure, grid = plt.subplots(
+            n_rows, n_columns, figsize=size, squeeze=False, layout="constrained"
+        )
         for spare in grid.flat[len(names) :]:
             spare.set_axis_off()
         for axes, name in zip(grid.flat, names, strict=False):
             panel(axes, name)
             axes.set_title(name)
-        handles, labels = grid[0, 0].get_legend_handles_labels()
+        shown: dict[str, Any] = {}
+        for axes in grid.flat:
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+                shown.setdefault(label, handle)
+        labels = list(shown)
         if labels:
-            figure.legend(handles, labels, fontsize=7, frameon=False, ncols=legend_columns, loc="outside lower center")
+            columns = min(legend_columns, _columns_that_fit(labels, COLUMN * n_columns))
+            look: Any = {"fontsize": 7, "frameon": False, "loc": "outside lower center"}
+            figure.legend(list(shown.values()), labels, ncols=columns, **look)
         return save(figure, path)

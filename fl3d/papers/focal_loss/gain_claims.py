@@ -1,4 +1,4 @@
-"""Sentences of the paper that state a number: what was printed, what its own cells give, and what ours do. Pure."""
+"""Sentences of the paper about gains: what was printed, what its own cells give, and what ours do. Pure."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from fl3d.reports.published import published_table
+from fl3d.papers.focal_loss.published_cells import published_table
+from fl3d.papers.focal_loss.tables import LAST_TABLES
+from fl3d.reports.levels import is_better
 from fl3d.reports.table import AP_COLUMNS, Cell, Column, Table
-from fl3d.reports.tables import LAST_TABLES, is_better
 
 DASH = "–"
 
@@ -40,7 +41,10 @@ def claims_table(claims: Sequence[Claim], notes: tuple[str, ...] = ()) -> Table:
     heads = ("where", "claim", "printed", "from its own cells", "ours", "verdict")
     columns = tuple(Column(head.replace(" ", "_"), head) for head in heads)
     rows = tuple(
-        tuple(Cell(text or DASH) for text in (c.where, c.text, c.printed, c.recomputed, c.ours, c.verdict))
+        tuple(
+            Cell(text or DASH)
+            for text in (c.where, c.text, c.printed, c.recomputed, c.ours, c.verdict)
+        )
         for c in claims
     )
     return Table("claims", "Claims of the paper that state a number", columns, rows, "", notes)
@@ -48,8 +52,7 @@ def claims_table(claims: Sequence[Claim], notes: tuple[str, ...] = ()) -> Table:
 
 def published_last(detector: str) -> pd.DataFrame:
     """Published last models: APs as numbers, by gamma."""
-    number = {name: number for number, name in LAST_TABLES.items()}[detector]
-    frame = published_table(number)
+    frame = published_table(LAST_TABLES[detector].number)
     return frame[list(AP_COLUMNS)].astype(float).set_axis(frame["gamma"].astype(float), axis=0)
 
 
@@ -68,23 +71,61 @@ def gain_claims(ours: dict[str, pd.DataFrame]) -> list[Claim]:
     """
     found = []
     for where, text, detector, gammas, sign, printed in (
-        ("abstract, §VI-A", "largest gain of 3D-FCN for 0 < γ ≤ 2", "3D-FCN", (0.1, 0.2, 0.5, 1, 2), 1, 11.2),
+        (
+            "abstract, §VI-A",
+            "largest gain of 3D-FCN for 0 < γ ≤ 2",
+            "3D-FCN",
+            (0.1, 0.2, 0.5, 1, 2),
+            1,
+            11.2,
+        ),
         ("§VI-A", "smallest gain of 3D-FCN for 0 < γ ≤ 2", "3D-FCN", (0.1, 0.2, 0.5, 1, 2), 0, 0.3),
-        ("§VI, arXiv", "smallest gain of 3D-FCN for 0 < γ ≤ 2", "3D-FCN", (0.1, 0.2, 0.5, 1, 2), 0, 0.5),
-        ("§VI-A", "smallest gain of VoxelNet for γ = 0.1, 0.5, 1", "VoxelNet", (0.1, 0.5, 1), 0, 0.6),
-        ("§VI-A", "largest gain of VoxelNet for γ = 0.1, 0.5, 1", "VoxelNet", (0.1, 0.5, 1), 1, 9.1),
+        (
+            "§VI, arXiv",
+            "smallest gain of 3D-FCN for 0 < γ ≤ 2",
+            "3D-FCN",
+            (0.1, 0.2, 0.5, 1, 2),
+            0,
+            0.5,
+        ),
+        (
+            "§VI-A",
+            "smallest gain of VoxelNet for γ = 0.1, 0.5, 1",
+            "VoxelNet",
+            (0.1, 0.5, 1),
+            0,
+            0.6,
+        ),
+        (
+            "§VI-A",
+            "largest gain of VoxelNet for γ = 0.1, 0.5, 1",
+            "VoxelNet",
+            (0.1, 0.5, 1),
+            1,
+            9.1,
+        ),
         ("§VI-A", "largest loss of VoxelNet for γ = 0.2, 2", "VoxelNet", (0.2, 2), -1, 2.7),
         ("(not said)", "largest loss of VoxelNet for γ = 5", "VoxelNet", (5,), -1, None),
     ):
         theirs = _extreme(gains_over_zero(published_last(detector), gammas), sign)
-        own = _extreme(gains_over_zero(ours.get(detector, pd.DataFrame()), gammas), sign) if detector in ours else None
+        own = (
+            _extreme(gains_over_zero(ours.get(detector, pd.DataFrame()), gammas), sign)
+            if detector in ours
+            else None
+        )
         slip = "" if printed is None else _slip(printed, theirs)
         verdict = "; ".join(part for part in (slip, _ours(own, sign)) if part)
         shown = "" if printed is None else f"{printed:g}"
         own = None if own is None or pd.isna(own) else own
         met = [g for g in gammas if detector in ours and g in ours[detector].index]
-        text += "" if own is None or len(met) == len(gammas) else f" (ours: γ = {', '.join(f'{g:g}' for g in met)})"
-        found.append(Claim(where, text, shown, f"{theirs:.2f}", "" if own is None else f"{own:.2f}", verdict))
+        text += (
+            ""
+            if own is None or len(met) == len(gammas)
+            else f" (ours: γ = {', '.join(f'{g:g}' for g in met)})"
+        )
+        found.append(
+            Claim(where, text, shown, f"{theirs:.2f}", "" if own is None else f"{own:.2f}", verdict)
+        )
     return found
 
 
@@ -121,7 +162,10 @@ def best_claim(ours: pd.DataFrame) -> Claim:
     for frame, columns in ((theirs, list(AP_COLUMNS)), (ours, list(AP_COLUMNS.values()))):
         better = total = 0
         for _, pair in frame.groupby("detector"):
-            zero, focal = (pair[pair["gamma"].astype(float) == 0], pair[pair["gamma"].astype(float) > 0])
+            zero, focal = (
+                pair[pair["gamma"].astype(float) == 0],
+                pair[pair["gamma"].astype(float) > 0],
+            )
             if len(zero) and len(focal):
                 wins = [is_better(float(focal.iloc[0][c]), float(zero.iloc[0][c])) for c in columns]
                 better, total = better + sum(wins), total + len(columns)
@@ -131,7 +175,12 @@ def best_claim(ours: pd.DataFrame) -> Claim:
     verdict += f"; ours: {'all' if b == m else 'not all'}" if m else ""
     ours_text = f"{b} of {m}" if m else ""
     return Claim(
-        "§VI-A, Table IV", "metrics of the best models that γ > 0 improves", "all", f"{a} of {n}", ours_text, verdict
+        "§VI-A, Table IV",
+        "metrics of the best models that γ > 0 improves",
+        "all",
+        f"{a} of {n}",
+        ours_text,
+        verdict,
     )
 
 
@@ -150,6 +199,13 @@ def step_claims(epoch_steps: int = 3712) -> list[Claim]:
         recomputed = f"{epochs} epochs = {epochs * epoch_steps:,}"
         near = abs(epochs * epoch_steps - printed) < 1000
         found.append(
-            Claim(where, text, str(row["step"]), recomputed, "", "printed correctly" if near else "printed wrong")
+            Claim(
+                where,
+                text,
+                str(row["step"]),
+                recomputed,
+                "",
+                "printed correctly" if near else "printed wrong",
+            )
         )
     return found

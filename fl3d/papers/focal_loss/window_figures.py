@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +10,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from fl3d.reports.figures.style import BLUE, ORANGE, draw_by_gamma, panels, write_data
+from fl3d.reports.figures.style import BLUE, ORANGE, draw_by_level, panels, write_data
+from fl3d.reports.levels import Levels
 
 Array = NDArray[np.floating]
-POINTS = 200  # of a curve in Figure 4: evenly spaced, and as many again over the hardest thousandths
+POINTS = (
+    200  # of a curve in Figure 4: evenly spaced, and as many again over the hardest thousandths
+)
 BINS = 25
 
 
@@ -30,14 +33,18 @@ def cumulative_loss(logits: Array, sign: int, gamma: float, shares: Array) -> Ar
         as long as ``shares``.
     """
     x = sign * logits.astype(np.float64)
-    losses = np.exp(-gamma * np.logaddexp(0, x)) * np.logaddexp(0, -x)  # (1 - p_t)^gamma * -log(p_t), Eq. 4
+    losses = np.exp(-gamma * np.logaddexp(0, x)) * np.logaddexp(
+        0, -x
+    )  # (1 - p_t)^gamma * -log(p_t), Eq. 4
     sums = np.concatenate([[0.0], np.cumsum(np.sort(losses))])
     total = sums[-1] or 1.0
     filled: Array = np.interp(shares * len(losses), np.arange(len(sums)), sums / total)
     return filled
 
 
-def figure_4(sampled: Mapping[str, tuple[Array, Array]], gammas: list[float], path: Path) -> list[Path]:
+def figure_4(
+    sampled: Mapping[str, tuple[Array, Array]], gammas: list[float], path: Path
+) -> list[Path]:
     """Figure 4: cumulative normalised loss of positives and of negatives, for each gamma.
 
     Args:
@@ -53,21 +60,42 @@ def figure_4(sampled: Mapping[str, tuple[Array, Array]], gammas: list[float], pa
         for kind, sign, logits in zip(("positives", "negatives"), (1, -1), pair, strict=True):
             for gamma in gammas:
                 losses = cumulative_loss(logits, sign, gamma, shares)
-                part = {"detector": detector, "windows": kind, "gamma": gamma, "share": shares, "loss": losses}
+                part = {
+                    "detector": detector,
+                    "windows": kind,
+                    "gamma": gamma,
+                    "share": shares,
+                    "loss": losses,
+                }
                 rows.append(pd.DataFrame(part | {"sampled": len(logits)}))
     data = pd.concat(rows, ignore_index=True)
-    names = {f"{detector}, {kind}": (detector, kind) for detector in sampled for kind in ("positives", "negatives")}
+    names = {
+        f"{detector}, {kind}": (detector, kind)
+        for detector in sampled
+        for kind in ("positives", "negatives")
+    }
 
     def panel(axes: Axes, name: str) -> None:
         detector, kind = names[name]
         own = data[(data["detector"] == detector) & (data["windows"] == kind)]
-        draw_by_gamma(axes, own, "share", "loss", 0.09)
+        _draw(axes, own, "share", "loss", 0.09)
         if name == "VoxelNet, negatives":
             axes.set_xlim(0.998, 1)  # as the paper zooms
         axes.set_xlabel(f"share of the {kind}, easiest first")
         axes.set_ylabel("cumulative normalised loss")
 
     return [write_data(data, path), *panels(list(names), path, panel, 7, 2.6)]
+
+
+def _levels(gammas: Iterable[float]) -> Levels:
+    labels = [f"{gamma:g}" for gamma in sorted(set(gammas))]
+    return Levels("gamma", labels, labels[0])
+
+
+def _draw(axes: Axes, own: pd.DataFrame, x: str, y: str, every: float) -> None:
+    """A curve for each gamma."""
+    told = own.assign(level=own["gamma"].map(lambda gamma: f"{gamma:g}"))
+    draw_by_level(axes, told, _levels(own["gamma"]), x, y, every)
 
 
 def figure_5(posteriors: Mapping[tuple[str, float], Array], path: Path) -> list[Path]:
@@ -81,14 +109,24 @@ def figure_5(posteriors: Mapping[tuple[str, float], Array], path: Path) -> list[
     rows = []
     for (detector, gamma), p in sorted(posteriors.items()):
         density = np.histogram(p, bins=edges)[0] / max(1, len(p)) * BINS
-        part = {"detector": detector, "gamma": gamma, "posterior": (edges[:-1] + edges[1:]) / 2, "density": density}
+        part = {
+            "detector": detector,
+            "gamma": gamma,
+            "posterior": (edges[:-1] + edges[1:]) / 2,
+            "density": density,
+        }
         rows.append(pd.DataFrame(part | {"positives": len(p)}))
     data = pd.concat(rows, ignore_index=True)
 
     def panel(axes: Axes, detector: str) -> None:
         own = data[data["detector"] == detector]
-        draw_by_gamma(axes, own, "posterior", "density", 3)
-        axes.set(xlabel="posterior probability of positives", ylabel="density (log)", xlim=(0, 1), yscale="log")
+        _draw(axes, own, "posterior", "density", 3)
+        axes.set(
+            xlabel="posterior probability of positives",
+            ylabel="density (log)",
+            xlim=(0, 1),
+            yscale="log",
+        )
 
     return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 4)]
 
@@ -109,7 +147,12 @@ def imbalance_by_height(data: pd.DataFrame, path: Path) -> list[Path]:
             axes.set_xlabel("positive windows a frame")
         else:
             met = data["positives"] > 0
-            axes.barh(middle[met], (data["negatives"] / data["positives"].where(met))[met], height, color=ORANGE)
+            axes.barh(
+                middle[met],
+                (data["negatives"] / data["positives"].where(met))[met],
+                height,
+                color=ORANGE,
+            )
             axes.set_xscale("log")
             axes.set_xlabel("negative windows for each positive")
         axes.set_ylabel("height of the window, LiDAR frame (m)")

@@ -1,0 +1,140 @@
+"""What a paper is to fl3d: tables that are objects, figures, claims, and the published cells beside them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from fl3d.core.errors import ConfigError
+from fl3d.reports.table import Table
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.plans import FrozenTrial
+
+Say = Callable[[str], None]
+
+
+class PaperTable(ABC):
+    """A table of a paper, made again from finished sweeps.
+
+    Attributes:
+        name: how sweep files call it: ``focal_loss.last_voxelnet``.
+        number: as printed; files are called after it.
+        title: printed before its caption.
+        rule: which checkpoint stands for a trial: ``last`` or ``best``.
+        is_joint: whether several sweeps feed it.
+    """
+
+    name: str
+    number: str
+    title: str
+    rule: str = "last"
+    is_joint: bool = False
+
+    @abstractmethod
+    def row_of(self, trial: FrozenTrial) -> Hashable | None:
+        """What tells the row that a trial belongs to from the others; None: it belongs to none.
+
+        Raises:
+            ConfigError: the trial lacks a value that the table's rows are told by.
+        """
+
+    @abstractmethod
+    def make(self, sweeps: Sequence[FinishedSweep], notes: tuple[str, ...]) -> Table | None:
+        """The table, or None where no trial has a row in it.
+
+        Args:
+            sweeps: that feed it: one, unless ``is_joint``.
+            notes: put below.
+        """
+
+    def beside(self, table: Table) -> Table | None:
+        """The table beside the published one; None where its own form has the published cells already."""
+        return None
+
+    def intervals(self, table: Table, gains: pd.DataFrame) -> Table | None:
+        """The table with intervals; None where it has none.
+
+        Args:
+            table: as made.
+            gains: of the sweep, see ``analysis.gains.gains``; of the table's rule.
+        """
+        return None
+
+    def rows(self, sweep: FinishedSweep) -> set[str]:
+        """Keys of the trials that have a row in it."""
+        return {trial.key for trial in sweep.trials if self.row_of(trial.plan) is not None}
+
+    def refuse_twins(self, trials: Iterable[FrozenTrial]) -> None:
+        """Refuse trials that would share a row though they differ in more than their seed.
+
+        Raises:
+            ConfigError: naming the keys in which they differ.
+        """
+        seen: dict[tuple[Hashable, int], FrozenTrial] = {}
+        for trial in trials:
+            row = self.row_of(trial)
+            if row is None:
+                continue
+            other = seen.setdefault((row, trial.seed), trial)
+            if other.key != trial.key:
+                keys = [key for key in trial.values if trial.values[key] != other.values.get(key)]
+                raise ConfigError(
+                    f"sweep.tables: two trials would share a row of {self.title.rstrip('.')}: they differ in "
+                    f"{', '.join(keys) or 'other keys'}. Sweep one thing at a time, or set sweep.tables=[]"
+                )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paper:
+    """A paper.
+
+    Args:
+        name: of its folder.
+        tables: that sweeps feed, in printed order.
+        still: tables that need no training, made now.
+        draw: figures of a sweep into a folder; every file written. None: it has none.
+        claims: sentences of it that state a number, beside ours; None: none are kept.
+        captions: of figures, by their files' names without ending.
+    """
+
+    name: str
+    tables: tuple[PaperTable, ...]
+    still: Callable[[], list[Table]] = list
+    draw: Callable[[FinishedSweep, Path], list[Path]] | None = None
+    claims: Callable[[FinishedSweep], Table] | None = None
+    captions: Mapping[str, str] = field(default_factory=dict)
+
+
+def published(package: str, name: str) -> pd.DataFrame:
+    """Cells of a published table as strings, with a ``<column>_bold`` (0 or 1) beside each AP or recall.
+
+    Args:
+        package: of the paper.
+        name: of the table's file, ``table_<name>.csv``.
+    """
+    path = files(package) / "published" / f"table_{name}.csv"
+    with path.open("r", encoding="utf-8") as file:
+        return pd.read_csv(file, dtype=str, keep_default_na=False)
+
+
+def with_values(
+    sweep: FinishedSweep, rows: pd.DataFrame, columns: Mapping[str, str]
+) -> pd.DataFrame:
+    """Rows of a sweep's scores with values of their trials' configs.
+
+    Args:
+        sweep: the sweep.
+        rows: some of its scores.
+        columns: keys of the config by the columns that they become.
+    """
+    values: dict[str, dict[str, Any]] = {column: {} for column in columns}
+    for trial in sweep.trials:
+        for column, key in columns.items():
+            values[column][trial.key] = trial.plan.value(key)
+    return rows.assign(**{column: rows["trial"].map(found) for column, found in values.items()})

@@ -1,0 +1,126 @@
+"""Figures of the course report: overlap over epochs (4), both stages (6, 7), 2D detections (8)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from fl3d.core.errors import StoreError
+from fl3d.papers.course_report.frustum_tables import DETECTORS
+from fl3d.papers.scenes import scenes_of
+from fl3d.reports.figures.boxes import Scene, boxes_of_models, draw_picture
+from fl3d.reports.figures.style import BLUE, PURPLE, STYLE, panels, save, write_data
+from fl3d.reports.levels import slug
+from fl3d.runs.finished import FinishedSweep
+
+STAGES = ("first stage", "after refinement")
+CAPTIONS = {
+    "report_figure_4_pointrcnn": "Report, as Figure 4, of PointRCNN: overlap over epochs; dotted: second stage.",
+    "report_figure_6_pointrcnn": "Report, as Figure 6, of PointRCNN: proposals above, refined boxes below.",
+    "report_figure_4_fconvnet": "Report, Figure 4: overlap of cars over epochs; dotted: refinement sets in.",
+    "report_figure_6_fconvnet": "Report, Figures 6 and 7: Frustum ConvNet before and after refinement.",
+    "report_figure_8": "Report, Figure 8: 2D detections against ground truth.",
+}
+
+
+def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
+    """Draw the report's figures of a sweep of a detector of two stages; of its first trial.
+
+    Args:
+        sweep: that feeds the table of both detectors; its run folders must be at hand.
+        folder: of the figures.
+
+    Raises:
+        StoreError: its trials have one stage.
+    """
+    if DETECTORS.name not in sweep.settings.sweep.tables:
+        return []
+    trial = sweep.trials[0]
+    if len(trial.folders) < 2:
+        raise StoreError(f"{trial.key}: the report's figures need a trial of two stages")
+    own = sweep.scores[sweep.scores["trial"] == trial.key]
+    name = slug(trial.detector).replace("-", "")
+    written = overlap_over_epochs(own, folder / f"report_figure_4_{name}")
+    first, second = trial.folders[-2:]
+    scenes = {
+        STAGES[0]: scenes_of(sweep, first, trial.plan.first_own_step),
+        STAGES[1]: scenes_of(sweep, second, trial.last_step),
+    }
+    written += boxes_of_models(
+        scenes, sweep.protocol.ignore_beyond, folder / f"report_figure_6_{name}"
+    )
+    shown = scenes[STAGES[0]]
+    if all(scene.frame.image_boxes is not None for scene in shown):
+        written += figure_8(shown, folder / "report_figure_8")
+    return written
+
+
+def overlap_over_epochs(scores: pd.DataFrame, path: Path) -> list[Path]:
+    """The report's Figure 4: the cars' mean best overlap over epochs, and the share of those above 0.5 and 0.7.
+
+    Args:
+        scores: tidy, of one trial.
+        path: without ending.
+    """
+    lines = {
+        "recall_3d/mean_iou": "mean IoU",
+        "recall_3d/0.5": "IoU > 0.5",
+        "recall_3d/0.7": "IoU > 0.7",
+    }
+    data = scores.sort_values("step")[["detector", "epoch", "step", *lines]].reset_index(drop=True)
+    fork = data[data["step"] <= scores["first_own_step"].iloc[0]]["epoch"].max()
+
+    def panel(axes: Axes, detector: str) -> None:
+        for (key, label), style in zip(lines.items(), ("-", "--", ":"), strict=True):
+            axes.plot(
+                data["epoch"],
+                data[key],
+                color=BLUE,
+                ls=style,
+                marker="o",
+                ms=2.5,
+                lw=1,
+                label=label,
+            )
+        if np.isfinite(fork):
+            axes.axvline(fork, color="0.6", lw=0.8, ls=":")
+        axes.set_xlabel("epoch")
+        axes.set_ylabel("3D overlap of cars, and shares above")
+        axes.set_ylim(0, 1)
+
+    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 3)]
+
+
+def figure_8(scenes: list[Scene], path: Path, least: float = 0.5) -> list[Path]:
+    """The report's Figure 8: 2D boxes of labels, and of a 2D detector where its score is at least ``least``.
+
+    Args:
+        scenes: frames with ``image_boxes``.
+        path: without ending.
+        least: score.
+    """
+    with plt.rc_context(STYLE):
+        figure, grid = plt.subplots(
+            len(scenes), 1, figsize=(5, 1.6 * len(scenes)), squeeze=False, layout="constrained"
+        )
+        for axes, scene in zip(grid[:, 0], scenes, strict=True):
+            assert scene.frame.image_boxes is not None
+            draw_picture(axes, scene)
+            labels = scene.frame.labels
+            found = scene.frame.image_boxes[scene.frame.image_boxes[:, 4] >= least]
+            both = (
+                (labels.boxes_image[labels.types == "Car"], PURPLE, "ground truth"),
+                (found, BLUE, "2D detector"),
+            )
+            for boxes, color, label in both:
+                axes.plot([], [], color=color, lw=1, label=label)
+                for x1, y1, x2, y2 in boxes[:, :4]:
+                    axes.plot([x1, x2, x2, x1, x1], [y1, y1, y2, y2, y1], color=color, lw=0.8)
+            width, height = scene.frame.image_size
+            axes.set(xlim=(0, width), ylim=(height, 0), xticks=[], yticks=[], aspect="equal")
+        grid[0, 0].legend(loc="upper right", fontsize=6)
+        return save(figure, path)

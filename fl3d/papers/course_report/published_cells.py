@@ -1,0 +1,16 @@
+"""The numbers that the course report prints.
+
+Udhayakumar, Das, Gandhi, Price: Evaluation of 3D Object Detection for Cars by improving existing frameworks. 2020.
+Tables 1 to 7; strings as printed, bold as 0 or 1.
+"""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from fl3d.papers.base import published
+
+
+def published_table(name: str) -> pd.DataFrame:
+    """Cells of a table, ``R1`` to ``R7``."""
+    return published("fl3d.papers.course_report", name)

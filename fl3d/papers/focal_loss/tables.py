@@ -1,0 +1,280 @@
+"""Tables II to V of the paper: layout, decimals and bold rule as printed."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+import pandas as pd
+
+from fl3d.core.errors import ConfigError
+from fl3d.evaluation.selection import MEAN_3D
+from fl3d.papers.base import PaperTable, with_values
+from fl3d.papers.beside import Published, beside
+from fl3d.papers.focal_loss.published_cells import ARXIV, published_table
+from fl3d.reports.intervals import with_intervals
+from fl3d.reports.levels import is_better
+from fl3d.reports.table import AP_COLUMNS, APS, Cell, Column, Table
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.plans import FrozenTrial
+
+GAMMA = "loss.gamma"
+NORMALIZE = "loss.normalize"
+BASE = "better than γ = 0"
+BOLD = f"AP in percent; bold: {BASE}"
+FORMS = {False: "Original", True: "Enhanced"}
+METRICS = list(AP_COLUMNS.values())
+SELECTED = "The intervals do not cover the choice of checkpoint and γ on the same frames."
+
+
+def gamma_of(trial: FrozenTrial) -> float:
+    """Gamma of a trial's loss.
+
+    Raises:
+        ConfigError: its loss has none.
+    """
+    gamma = trial.value(GAMMA)
+    if gamma is None:
+        raise ConfigError(
+            f"sweep.tables: a table over γ needs loss.gamma, which '{' '.join(trial.overrides)}' lacks"
+        )
+    return float(gamma)
+
+
+class LastModels(PaperTable):
+    """Tables II and III: last models of one detector by gamma.
+
+    Args:
+        name: see ``PaperTable``.
+        number: likewise.
+        detector: whose.
+    """
+
+    def __init__(self, name: str, number: str, detector: str) -> None:
+        self.name = name
+        self.number = number
+        self.title = f"Table {number}."
+        self.detector = detector
+
+    def row_of(self, trial: FrozenTrial) -> Hashable | None:
+        """Its gamma."""
+        return gamma_of(trial) if trial.detector == self.detector else None
+
+    def make(self, sweeps: Sequence[FinishedSweep], notes: tuple[str, ...]) -> Table | None:
+        """A row a gamma."""
+        chosen = by_gamma(sweeps[0], "last", self)
+        if chosen.empty:
+            return None
+        base = baseline(chosen)
+        rows = tuple(
+            (Cell(f"{row['gamma']:g}"), *_ap_cells(row, base)) for _, row in chosen.iterrows()
+        )
+        caption = f"Evaluation results on the validation split for last models of {self.detector}"
+        columns = (Column("gamma", "γ"), *APS)
+        return Table(self.number, caption, columns, rows, BOLD, notes, title=self.title)
+
+    def beside(self, table: Table) -> Table | None:
+        """Rows are matched by gamma."""
+        printed = {f"{float(row['gamma']):g}": row for row in _records(self.number)}
+        published = Published(rows=printed, base_of=lambda key: "0", is_ordered=True)
+        return beside(table, [cell.text for cell in table.column("gamma")], published)
+
+    def intervals(self, table: Table, gains: pd.DataFrame) -> Table | None:
+        """Gains over gamma = 0; None where no trial of it is done."""
+        own = gains[gains["group"] == self.detector]
+        if own.empty:
+            return None
+        return with_intervals(table, own.assign(row=own["level"]), BASE)
+
+
+class BestModels(PaperTable):
+    """Table IV: for each detector the best model with gamma = 0 and the best with any gamma > 0."""
+
+    name = "focal_loss.best_models"
+    number = "IV"
+    title = "Table IV."
+    rule = "best"
+
+    def row_of(self, trial: FrozenTrial) -> Hashable:
+        """Its detector and gamma; the table chooses among these."""
+        return trial.detector, gamma_of(trial)
+
+    def make(self, sweeps: Sequence[FinishedSweep], notes: tuple[str, ...]) -> Table | None:
+        """Two rows a detector."""
+        pairs = best_pairs(sweeps[0])
+        if pairs.empty:
+            return None
+        rows = []
+        for _, row in pairs.iterrows():
+            base = baseline(pairs[pairs["detector"] == row["detector"]])
+            rows.append((*_front_cells(row), *_ap_cells(row, base)))
+        columns = (
+            Column("detector", "Detector"),
+            Column("gamma", "γ"),
+            Column("lr", "lr"),
+            Column("step", "Step"),
+            *APS,
+        )
+        caption = "Evaluation results on the validation split for best models"
+        order = ("detector", "lr", "step", "gamma", *AP_COLUMNS)
+        return Table(
+            self.number, caption, columns, tuple(rows), BOLD, notes, order, title=self.title
+        )
+
+    def beside(self, table: Table) -> Table | None:
+        """Rows are matched by detector and by whether gamma is 0, since the best gamma may be another."""
+        printed = {_best_key(row["detector"], row["gamma"]): row for row in _records(self.number)}
+        arxiv = {
+            _best_key(row["detector"], row["gamma"]): row for row in _records(ARXIV[self.number])
+        }
+        published = Published(rows=printed, base_of=_best_base, earlier=arxiv)
+        pairs = zip(table.column("detector"), table.column("gamma"), strict=True)
+        keys = [_best_key(detector.text, gamma.text) for detector, gamma in pairs]
+        theirs = [
+            f"{r['detector']} γ = {r['gamma']}, lr {r['lr']}, step {r['step']}"
+            for r in printed.values()
+        ]
+        return beside(table, keys, published, (f"The paper's rows: {'; '.join(theirs)}.",))
+
+    def intervals(self, table: Table, gains: pd.DataFrame) -> Table:
+        """Gains over gamma = 0 of the best models; the choice itself is not resampled."""
+        rows = gains.assign(row=gains["group"] + " " + gains["level"])
+        view = with_intervals(table, rows, BASE, key_columns=2)
+        return view.with_notes(*view.notes, SELECTED)
+
+
+class LossForms(PaperTable):
+    """Table V: last models of 3D-FCN under the original loss (sums) and the enhanced one (means, weighed)."""
+
+    name = "focal_loss.loss_forms"
+    number = "V"
+    title = "Table V."
+    detector = "3D-FCN"
+
+    def row_of(self, trial: FrozenTrial) -> Hashable | None:
+        """Whether its loss is normalised."""
+        if trial.detector != self.detector:
+            return None
+        normalize = trial.value(NORMALIZE)
+        if normalize is None:
+            raise ConfigError(
+                f"sweep.tables: {self.title} needs {NORMALIZE}, which '{' '.join(trial.overrides)}' lacks"
+            )
+        return bool(normalize)
+
+    def make(self, sweeps: Sequence[FinishedSweep], notes: tuple[str, ...]) -> Table | None:
+        """Two rows."""
+        sweep = sweeps[0]
+        chosen = sweep.select("last")
+        chosen = with_values(
+            sweep, chosen[chosen["trial"].isin(self.rows(sweep))], {"normalize": NORMALIZE}
+        )
+        if chosen.empty:
+            return None
+        means = chosen.groupby("normalize", sort=True)[METRICS].mean().reset_index()
+        rows = []
+        for _, row in means.iterrows():
+            others = means[means["normalize"] != row["normalize"]]
+            cells = _ap_cells(row, others.iloc[0] if len(others) else None)
+            rows.append((Cell(FORMS[bool(row["normalize"])]), *cells))
+        caption = f"Evaluation results of last models of {self.detector} for the original and the enhanced loss"
+        legend = "AP in percent; bold: the better one"
+        columns = (Column("loss", "Loss"), *APS)
+        return Table(self.number, caption, columns, tuple(rows), legend, notes, title=self.title)
+
+    def beside(self, table: Table) -> Table | None:
+        """Rows are matched by the loss."""
+        printed = {row["loss"]: row for row in _records(self.number)}
+        published = Published(rows=printed, base_of=lambda key: FORMS[False])
+        return beside(table, [cell.text for cell in table.column("loss")], published)
+
+    def intervals(self, table: Table, gains: pd.DataFrame) -> Table | None:
+        """Gains over the original loss; None where no trial of it is done."""
+        own = gains[gains["group"] == self.detector]
+        if own.empty:
+            return None
+        return with_intervals(
+            table, own.assign(row=own["level"].str.capitalize()), "the better one"
+        )
+
+
+LAST_3D_FCN = LastModels("focal_loss.last_3d_fcn", "II", "3D-FCN")
+LAST_VOXELNET = LastModels("focal_loss.last_voxelnet", "III", "VoxelNet")
+BEST_MODELS = BestModels()
+LOSS_FORMS = LossForms()
+LAST_TABLES = {table.detector: table for table in (LAST_3D_FCN, LAST_VOXELNET)}
+
+
+def best_pairs(sweep: FinishedSweep) -> pd.DataFrame:
+    """Of each detector the best model with gamma = 0 and, of all gamma > 0, the one of highest mean 3D AP."""
+    every = by_gamma(sweep, "best", BEST_MODELS)
+    pairs = []
+    for detector in sorted(every["detector"].unique()) if len(every) else ():
+        chosen = every[every["detector"] == detector]
+        base = baseline(chosen)
+        focal = chosen[chosen["gamma"] > 0]
+        pairs += [] if base is None else [base]
+        if len(focal):
+            pairs.append(focal.iloc[int(focal[MEAN_3D].mean(axis=1).to_numpy().argmax())])
+    return pd.DataFrame(pairs).reset_index(drop=True)
+
+
+def by_gamma(sweep: FinishedSweep, rule: str, table: PaperTable) -> pd.DataFrame:
+    """Rows of a table by detector and gamma; trials that differ in their seed alone are averaged.
+
+    Raises:
+        ConfigError: trials share a row and differ in more than their seed.
+    """
+    own = table.rows(sweep)
+    table.refuse_twins(trial.plan for trial in sweep.trials)
+    chosen = sweep.select(rule)
+    chosen = with_values(
+        sweep, chosen[chosen["trial"].isin(own)], {"gamma": GAMMA, "lr": "optimizer.lr"}
+    )
+    chosen = chosen.assign(gamma=chosen["gamma"].astype(float))
+    rows = []
+    for _, twins in chosen.groupby(["detector", "gamma"], sort=True):
+        row = twins.iloc[0].copy()
+        for metric in METRICS:
+            row[metric] = twins[metric].mean()
+        row["step"] = "/".join(str(step) for step in sorted(twins["step"].unique()))
+        rows.append(row)
+    return pd.DataFrame(rows).reset_index(drop=True)
+
+
+def baseline(chosen: pd.DataFrame) -> pd.Series | None:
+    """The row with gamma = 0."""
+    zero = chosen[chosen["gamma"] == 0]
+    return zero.iloc[0] if len(zero) else None
+
+
+def _ap_cells(row: pd.Series, base: pd.Series | None) -> list[Cell]:
+    """Two decimals; bold where better than the base."""
+    return [Cell(f"{row[m]:.2f}", base is not None and is_better(row[m], base[m])) for m in METRICS]
+
+
+def _front_cells(row: pd.Series) -> list[Cell]:
+    steps = row["step"].split("/")
+    printed = "/".join(f"{int(s) / 1000:.0f}k" if int(s) >= 10_000 else s for s in steps)
+    lr = Cell(format_lr(float(row["lr"])), raw=f"{row['lr']:g}")
+    return [Cell(row["detector"]), Cell(f"{row['gamma']:g}"), lr, Cell(printed, raw=row["step"])]
+
+
+def format_lr(lr: float) -> str:
+    """As the paper prints it: 0.01 -> ``1e-2``, 0.0025 -> ``2.5e-3``."""
+    mantissa, exponent = f"{lr:e}".split("e")
+    return f"{float(mantissa):g}e{int(exponent)}"
+
+
+def _best_key(detector: str, gamma: str) -> str:
+    return f"{detector} {'base' if float(gamma) == 0 else 'focal'}"
+
+
+def _best_base(key: str) -> str:
+    return f"{key.rpartition(' ')[0]} base"
+
+
+def _records(name: str) -> list[dict[str, str]]:
+    return [
+        {str(key): str(value) for key, value in row.items()}
+        for row in published_table(name).to_dict("records")
+    ]

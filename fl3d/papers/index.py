@@ -1,0 +1,39 @@
+"""The README of a folder of results: every results folder with its tables and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fl3d.core.files import write_text
+
+HEAD = """# Results
+
+Made by `make publish`; each folder is one kind of data and one profile, and its `stamp.json` says by which commit, on
+which machine and from which data. `make report` makes one page of them, with all figures.
+"""
+PICTURES = ("ap_over_level_*", "ap_over_steps_*", "figure_4", "figure_5")
+
+
+def write_index(results: Path) -> Path:
+    """Write the index of a folder of results folders."""
+    parts = [HEAD]
+    for folder in sorted(path for path in results.iterdir() if (path / "tables").is_dir()):
+        parts.append(f"## {folder.name}\n")
+        parts += [path.read_text() for path in _tables(folder / "tables")]
+        for pattern in PICTURES:
+            for path in sorted((folder / "figures").glob(f"{pattern}.png")):
+                parts.append(f"![{path.stem}]({folder.name}/figures/{path.name})\n")
+    path = results / "README.md"
+    write_text(path, "\n".join(parts))
+    return path
+
+
+def _tables(folder: Path) -> list[Path]:
+    """Each table once, with intervals where it has them; those that need no training are left out."""
+    every = {path.stem.removeprefix("table_"): path for path in sorted(folder.glob("table_*.md"))}
+    shown = []
+    for name, path in every.items():
+        is_view = name.endswith(("_published", "_intervals"))
+        if not is_view and name not in ("I", "VI", "VII"):
+            shown.append(every.get(f"{name}_intervals", path))
+    return shown

@@ -1,0 +1,77 @@
+"""Which sweeps of the files in ``sweeps/`` were run on some data at some size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from fl3d.config.compose import CONF, compose_config
+from fl3d.config.settings import Settings, read_settings
+from fl3d.core.errors import StoreError
+from fl3d.papers.base import PaperTable
+from fl3d.runs.finished import FinishedSweep, open_sweep
+from fl3d.runs.layout import StoreFolder
+from fl3d.runs.scores import score_file
+
+PLACES = ("data", "profile", "store", "results")  # keys that say where a sweep lies
+
+
+def place_words(words: Sequence[str]) -> list[str]:
+    """The words that say where a sweep lies, not which it is."""
+    return [
+        word for word in words if word.lstrip("+").partition("=")[0].partition(".")[0] in PLACES
+    ]
+
+
+def stored_sweeps(words: Sequence[str], published: Path | None) -> list[FinishedSweep]:
+    """The sweeps of ``sweeps/`` that were run, or of which a results folder holds scores.
+
+    Args:
+        words: that say where.
+        published: folder of results that were published; None: none.
+    """
+    places = place_words(words)
+    base = read_settings(compose_config(places))
+    found = []
+    for path in sorted((CONF / "sweep").glob("*.yaml")):
+        if not _may_be_stored(base, path.stem, published):
+            continue
+        settings = read_settings(compose_config([*places, f"+sweep={path.stem}"]))
+        try:
+            found.append(open_sweep(settings, None, published))
+        except StoreError:  # planned, and none of its trials is done
+            continue
+    return found
+
+
+def _may_be_stored(base: Settings, sweep: str, published: Path | None) -> bool:
+    """Without composing its config, which takes a while: sweep files are called as their sweeps."""
+    folders = [base.results_folder, *([published / base.folder_name] if published else [])]
+    plan = StoreFolder(base.store.root).plan(f"{sweep}-{base.folder_name}")
+    return plan.exists() or any(score_file(folder, sweep).exists() for folder in folders)
+
+
+def feeding(
+    sweep: FinishedSweep, words: Sequence[str], published: Path | None
+) -> Callable[[PaperTable], Sequence[FinishedSweep]]:
+    """What finds all sweeps that feed a joint table: those on the same data and size, under the same protocol.
+
+    Args:
+        sweep: one of them.
+        words: that say where they lie.
+        published: see ``stored_sweeps``.
+    """
+    every: list[FinishedSweep] = []
+
+    def find(table: PaperTable) -> Sequence[FinishedSweep]:
+        if not every:
+            every.append(sweep)
+            others = stored_sweeps(words, published)
+            every.extend(other for other in others if other.name != sweep.name)
+        return [
+            other
+            for other in every
+            if table.name in other.settings.sweep.tables and other.protocol.id == sweep.protocol.id
+        ]
+
+    return find
