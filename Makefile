@@ -14,7 +14,7 @@ OVERRIDES = data=$(DATA) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: help install sweep-% sweep-pointrcnn sweep-frustum sweep-report plan tables figures report ui check format test test-slow test-slurm test-ray test-postgres clean
+.PHONY: help install sweep-% sweep-pointrcnn sweep-frustum sweep-report plan tables gains figures report publish ui check format test test-slow test-slurm test-ray test-postgres clean
 
 help:  ## list the targets
 	@echo "Targets (options: DATA=simulated|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|standard|paper ARGS='...'):"
@@ -29,13 +29,13 @@ install: .venv/installed  ## make .venv with the pinned packages
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) --editable '.[dev]'
 	touch $@
 
-sweep-%: .venv/installed  ## train, score and tabulate sweeps/NAME.yaml; again: goes on, or says that all is done
+sweep-%: .venv/installed  ## train, score and tabulate sweeps/NAME.yaml; again: resumes, or says that all is done
 	@test -f sweeps/$*.yaml || { echo "no sweeps/$*.yaml; there are: $(basename $(notdir $(wildcard sweeps/*.yaml)))" >&2; exit 2; }
 	$(BIN)/python -m fl3d -m +sweep=$* $(OVERRIDES)
 
 POINTRCNN := default batch alpha bins rcnn
 
-sweep-pointrcnn: .venv/installed  ## the report's sweeps of PointRCNN, each going on from the winner before: Tables R1 to R5
+sweep-pointrcnn: .venv/installed  ## the report's sweeps of PointRCNN, each keeping the winner before: Tables R1 to R5
 	for name in $(POINTRCNN); do $(MAKE) --no-print-directory sweep-pointrcnn_$$name || exit 1; done
 
 FRUSTUM := batch slabs alpha weights final
@@ -51,11 +51,17 @@ plan: .venv/installed  ## show what a sweep would do: stages, what is done, time
 tables: .venv/installed  ## make all tables again from what is stored, beside the published ones and with intervals
 	$(BIN)/python -m fl3d tables $(OVERRIDES)
 
-figures: .venv/installed  ## draw the figures from what is stored
-	$(BIN)/python -m fl3d figures $(OVERRIDES)
+gains: .venv/installed  ## gains of a sweep over its baseline, with intervals (SWEEP=gamma)
+	$(BIN)/python -m fl3d gains +sweep=$(SWEEP) $(OVERRIDES)
 
-report: .venv/installed  ## tables, figures, claims and one page of them: results/DATA-PROFILE/report.html
+figures: .venv/installed  ## draw the figures of a sweep from what is stored (SWEEP=gamma)
+	$(BIN)/python -m fl3d figures +sweep=$(SWEEP) $(OVERRIDES)
+
+report: .venv/installed  ## tables, figures, claims and one page of them: out/DATA-PROFILE/report_gamma.html
 	$(BIN)/python -m fl3d report $(OVERRIDES)
+
+publish: .venv/installed  ## make results/DATA-PROFILE anew, which the project commits; everybody's own runs write to out/
+	$(BIN)/python -m fl3d publish $(OVERRIDES)
 
 ui: .venv/installed  ## browse every checkpoint in MLflow, on this machine alone
 	$(BIN)/python -m fl3d ui
@@ -90,6 +96,6 @@ test-postgres: .venv/installed  ## the store on a real PostgreSQL and an MLflow 
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) --editable '.[dev,postgres]'
 	folder=$$(mktemp -d) && FL3D_TEST_POSTGRES=$$folder $(BIN)/pytest -q tests/test_store_server.py
 
-clean:  ## remove .venv and caches; runs/ and data/ stay
+clean:  ## remove .venv and caches; runs/, data/ and out/ stay
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,23 @@
+"""``figures``: draw the figures of a sweep."""
+
+from __future__ import annotations
+
+from fl3d.analysis.gains import compare_sweep
+from fl3d.commands.words import HELP, names_sweep, open_words, parser, read_words
+from fl3d.papers.results import draw_curves, draw_papers
+
+
+def run(arguments: list[str]) -> None:
+    """Draw the figures of a sweep, without training anything; those of windows run its last and best models.
+
+    Curves for any sweep: AP over steps, levels and score cut, precision over recall; with the figures of the papers
+    that it feeds. What the models say of the validation frames' windows is kept in the store, so a second time is
+    quick. Without a sweep among the words: of +sweep=gamma.
+    """
+    arguments_of = parser("figures", run.__doc__)
+    arguments_of.add_argument("overrides", nargs="*", help=HELP)
+    words = arguments_of.parse_intermixed_args(arguments).overrides
+    sweep = open_words(read_words(words if names_sweep(words) else [*words, "+sweep=gamma"]))
+    written = draw_curves(sweep, compare_sweep(sweep)) + draw_papers(sweep)
+    folder = sweep.settings.results_folder / "figures"
+    print(f"Written to {folder}: " + ", ".join(path.name for path in written))

@@ -1,0 +1,18 @@
+"""``stage``: one stage, in this process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fl3d.commands.words import parser
+from fl3d.training.stage import run_stage
+
+
+def run(arguments: list[str]) -> None:
+    """Train one planned stage from its folder, in this process.
+
+    It is what launchers start; started like this, a debugger can follow it.
+    """
+    options = parser("stage", run.__doc__)
+    options.add_argument("folder", type=Path, help="runs/stages/<key>")
+    run_stage(options.parse_args(arguments).folder)

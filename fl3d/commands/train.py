@@ -1,0 +1,166 @@
+"""``python -m fl3d KEY=VALUE ...``: train one trial; with -m a sweep. Hydra reads the command line."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from fl3d.commands.words import PUBLISHED
+from fl3d.config.compose import CONF, MAIN, check_overrides
+from fl3d.config.objects import build
+from fl3d.core.errors import ConfigError, Fl3dError
+from fl3d.core.records import Config
+from fl3d.papers.registry import tables_named
+from fl3d.papers.results import write_sweep
+from fl3d.papers.stored import feeding
+from fl3d.runs.finished import open_sweep
+from fl3d.sweep.launchers.base import Launcher
+from fl3d.sweep.run import Prepared, Ran, prepare_sweep, run_sweep
+from fl3d.sweep.sweepers.base import Sweeper
+from fl3d.sweep.sweepers.grid import Listed, point_of
+
+# Hydra's own options that are followed by a value.
+HYDRA_VALUES = (
+    "--cfg",
+    "-c",
+    "--package",
+    "-p",
+    "--config-path",
+    "-cp",
+    "--config-name",
+    "-cn",
+    "--config-dir",
+    "-cd",
+)
+
+
+def run(arguments: list[str]) -> None:
+    """Hand a command line to Hydra, which calls back with a trial, or, under -m, through its sweeper plugins.
+
+    Raises:
+        ConfigError: an override that does not fit.
+        StageFailed: a stage failed; all others are trained and scored.
+    """
+    import hydra
+    from hydra.errors import HydraException
+    from omegaconf import DictConfig
+
+    check_overrides(overrides_among(arguments))
+    warnings.filterwarnings("ignore", message=".*hydra.*", category=DeprecationWarning)
+    ended: list[BaseException] = []
+
+    @hydra.main(config_path=str(CONF), config_name=MAIN, version_base="1.3")
+    def task(config: DictConfig) -> None:
+        try:
+            _one_trial(config)
+        except (Fl3dError, KeyboardInterrupt) as error:
+            ended.append(error)  # past Hydra, which would print a message of its own
+
+    # Hydra would print an error and a hint of its own; with the full error on, ours comes through.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    sys.argv = ["python -m fl3d", *arguments]
+    try:
+        task()
+    except HydraException as error:
+        raise ConfigError(str(error).strip()) from None
+    if ended:
+        raise ended[0]
+
+
+def _one_trial(config: object) -> None:
+    from hydra.core.hydra_config import HydraConfig
+
+    from fl3d.config.compose import resolve, section
+
+    hydra = HydraConfig.get()
+    resolved = resolve(config)  # type: ignore[arg-type]
+    if resolved["sweep"]["name"] != "trials":
+        name = resolved["sweep"]["name"]
+        raise ConfigError(f"a sweep file is run with -m: python -m fl3d -m +sweep={name}")
+    words = list(hydra.overrides.task)
+    train(Listed([point_of(words, resolved)]), section(hydra, "launcher"), words)
+
+
+def overrides_among(arguments: Sequence[str]) -> list[str]:
+    """The overrides among Hydra's arguments.
+
+    Raises:
+        ConfigError: an argument that is neither an option, nor KEY=VALUE, nor a command.
+    """
+    found: list[str] = []
+    rest = iter(arguments)
+    for argument in rest:
+        if argument in HYDRA_VALUES:
+            next(rest, None)
+        elif not argument.startswith("-"):
+            if "=" not in argument and not argument.startswith("~"):
+                raise ConfigError(
+                    f"'{argument}' is neither KEY=VALUE nor a command; python -m fl3d --help lists both"
+                )
+            found.append(argument)
+    return found
+
+
+def train(
+    sweeper: Sweeper, launcher: Config, words: Sequence[str], say: Callable[[str], None] = print
+) -> None:
+    """Run a sweep to its tables.
+
+    Args:
+        sweeper: proposes its trials.
+        launcher: section of the config, with its ``_target_``.
+        words: of the command line.
+        say: prints a line for the user.
+
+    Raises:
+        StageFailed: a stage failed; all others are trained, scored and tabulated.
+    """
+    if hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(line_buffering=True)
+    built: Launcher = build(launcher, "hydra.launcher")
+    built.open()  # it loads while the sweep is being planned
+    prepared = prepare_sweep(sweeper)
+    refuse_untold_rows(prepared)
+    ran = run_sweep(prepared, built, say=say)
+    report(prepared, ran, words, say)
+    ran.outcome.check()
+
+
+def refuse_untold_rows(prepared: Prepared) -> None:
+    """Refuse now a sweep whose trials would share a row of a paper's table.
+
+    Raises:
+        ConfigError: naming the table, and the keys in which the trials differ.
+    """
+    trials = prepared.planner.frozen(prepared.plan).trials if prepared.plan.trials else ()
+    for table in tables_named(prepared.settings.sweep.tables):
+        table.refuse_twins(trials)
+
+
+def report(
+    prepared: Prepared, ran: Ran, words: Sequence[str], say: Callable[[str], None]
+) -> list[Path]:
+    """Write and print the tables of the trials that are done, and what the sweeper itself has found.
+
+    Returns:
+        every file written.
+    """
+    settings = prepared.settings
+    done = [trial for trial in ran.plan.trials if trial.key in ran.outcome.done]
+    if not done:
+        return []
+    if len(done) < len(ran.plan.trials):
+        say(
+            f"\n{len(done)} of {len(ran.plan.trials)} trials are done; the others are left out below."
+        )
+    sweep = open_sweep(settings)
+    _, written = write_sweep(sweep, feeding(sweep, words, PUBLISHED), say)
+    ran.recorder.attach([path for path in written if path.parent.name != "scores"], "results")
+    found = prepared.sweeper.report(ran.standings, settings.results_folder)
+    if found:
+        say(found)
+    say("\nTo browse every checkpoint: make ui")
+    return written

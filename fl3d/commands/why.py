@@ -1,0 +1,131 @@
+"""``why``: from a number to the files that it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from fl3d.analysis.trace import trace
+from fl3d.commands.words import HELP, names_sweep, open_words, parser, read_words
+from fl3d.config.compose import values_by_key
+from fl3d.core.errors import ConfigError, options
+from fl3d.evaluation.selection import RULES
+from fl3d.papers.base import PaperTable
+from fl3d.papers.results import paper_tables
+from fl3d.runs.design import DETECTOR, SEED, label_of, level_text, short_names
+from fl3d.runs.finished import FinishedSweep
+
+
+def run(arguments: list[str]) -> None:
+    """Print the chain from a table's cell to its run, checkpoint, files and digests.
+
+    TABLE is a table of a paper that the sweep feeds (II, III, IV, R2), or last or best for any sweep; the values that
+    pick the row may be given short (gamma=2), the other words choose the sweep.
+    Example: python -m fl3d why III gamma=2 3d/moderate data=simulated profile=quick
+    """
+    arguments_of = parser("why", run.__doc__)
+    arguments_of.add_argument("table", metavar="TABLE|last|best")
+    arguments_of.add_argument(
+        "rest", nargs="+", metavar="KEY=VALUE|METRIC", help=f"row, metric, and words {HELP}"
+    )
+    given = arguments_of.parse_intermixed_args(arguments)
+    metrics = [word for word in given.rest if "=" not in word]
+    if len(metrics) != 1:
+        raise ConfigError(
+            f"why: give one metric, such as 3d/moderate, not {' '.join(metrics) or 'none'}"
+        )
+    pairs = [word for word in given.rest if "=" in word]
+    row = [word for word in pairs if is_short(word)]
+    words = [word for word in pairs if word not in row]
+    sweep = open_words(read_words(words if names_sweep(words) else ["+sweep=gamma", *words]))
+    swept = {key for trial in sweep.plan.trials for key in trial.values}
+    row += [word for word in words if word.partition("=")[0] in swept]  # written out: loss.gamma=2
+    values = {key: label_of(value) for key, (value, *_) in values_by_key(row).items()}
+    explain(sweep, given.table, values, metrics[0])
+
+
+def is_short(word: str) -> bool:
+    """Whether a word picks a row by a short name: one without a dot that is no group or key of the config's own."""
+    key = word.partition("=")[0]
+    return (
+        "." not in key
+        and not key.startswith(("+", "~"))
+        and key not in ("data", "profile", "protocol", "results")
+    )
+
+
+def explain(sweep: FinishedSweep, table: str, row: dict[str, str], metric: str) -> None:
+    """Print the chain of each trial behind a cell.
+
+    Raises:
+        ConfigError: a table, row or metric that does not exist.
+    """
+    paper_table = _table(sweep, table)
+    rule = paper_table.rule if paper_table else table
+    chosen = sweep.select(rule)
+    if paper_table is not None:
+        chosen = chosen[chosen["trial"].isin(paper_table.rows(sweep))]
+    chosen = _rows(sweep, chosen, row)
+    column = f"ap_{metric}"
+    if column not in chosen:
+        possible = [str(name).removeprefix("ap_") for name in chosen if str(name).startswith("ap_")]
+        raise ConfigError(f"no metric '{metric}'. {options(metric, possible)}")
+    first = chosen.iloc[0]
+    cell = f"{first['group']}, {level_text(sweep.factor, str(first['level']))}"
+    seeds = f", mean of {len(chosen)} seeds" if len(chosen) > 1 else ""
+    print(f"{table}, {cell}, {metric}: {chosen[column].mean():.2f}{seeds}")
+    runs = sweep.runs()
+    for _, found in chosen.iterrows():
+        for line in trace(sweep, found, column, runs.get(str(found["trial"]), "?")):
+            print(line)
+
+
+def _table(sweep: FinishedSweep, name: str) -> PaperTable | None:
+    if name in RULES:
+        return None
+    tables = {table.number: table for table in paper_tables(sweep)}
+    if name not in tables:
+        possible = [*tables, *RULES]
+        raise ConfigError(f"{sweep.name} feeds no table '{name}'. {options(name, possible)}")
+    return tables[name]
+
+
+def _rows(sweep: FinishedSweep, chosen: pd.DataFrame, row: dict[str, str]) -> pd.DataFrame:
+    """The scores of one cell: one group and level, its seeds."""
+    for name, value in row.items():
+        texts = chosen["trial"].map(
+            {trial.key: _texts(sweep, trial.key, name) for trial in sweep.trials}
+        )
+        possible = sorted({text for several in texts for text in several})
+        if value not in possible:
+            raise ConfigError(f"{name}={value}: no such row. {options(value, possible)}")
+        chosen = chosen[texts.map(lambda several, value=value: value in several)]
+    cells = chosen.drop_duplicates(["group", "level"])
+    if len(cells) > 1:
+        rows = "; ".join(
+            f"{r.group}, {level_text(sweep.factor, str(r.level))}" for r in cells.itertuples()
+        )
+        raise ConfigError(f"several rows fit; name one: {rows}")
+    return chosen
+
+
+def _texts(sweep: FinishedSweep, key: str, name: str) -> Sequence[str]:
+    """How a trial's value may be written.
+
+    Raises:
+        ConfigError: the sweep has no such key.
+    """
+    trial = sweep.trial(key)
+    if name == SEED:
+        return [str(trial.seed)]
+    if name in trial.plan.values and name != DETECTOR:
+        return [label_of(trial.plan.values[name])]
+    names = {short: long for long, short in short_names(trial.plan.values).items()}
+    if name == DETECTOR:
+        return [trial.detector, label_of(trial.plan.values.get(DETECTOR, trial.detector))]
+    if name not in names:
+        raise ConfigError(
+            f"{name}: not what this sweep's trials differ in. {options(name, [*names, SEED])}"
+        )
+    return [label_of(trial.plan.values[names[name]])]
