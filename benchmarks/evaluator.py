@@ -1,12 +1,12 @@
-"""How long an evaluation takes, from text files: ours beside mmdet3d's, which many detectors are evaluated with.
+"""How long an evaluation takes, from text files: ours beside mmdet3d's, which many use.
 
     python benchmarks/evaluator.py                       # 3769 made-up frames, three classes
     python benchmarks/evaluator.py --labels training/label_2 --results my/results
 
-mmdet3d's evaluator comes from its wheel (pip download, nothing is installed). Its rotated overlap runs on CUDA only;
-it is given a CPU one (ours), so it is timed on all but that. It is handed parsed annotations; ours reads the text files
-too.
-Times are CPU seconds of one process after compilation; the best of three.
+mmdet3d's evaluator comes from its wheel (pip download, nothing is installed). Its rotated overlap
+runs on CUDA only; it is given a CPU one (ours), so it is timed on all but that. It is handed parsed
+annotations; ours reads the text files too. Times are CPU seconds of one process after compilation;
+the best of three.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
 from fl3d.data.label_table import NAMES, LabelTable, read_table
 from fl3d.evaluation.average_precision import compare, evaluate
 from fl3d.evaluation.bootstrap import paired_bootstrap
@@ -35,7 +35,12 @@ from fl3d.geometry.iou import bev_iou, intersection_areas
 
 OTHER = "mmdet3d==1.4.0"
 KINDS = ["Car", "Car", "Car", "Van", "Pedestrian", "Cyclist"]
-SIZES = {"Car": (1.5, 1.6, 3.9), "Van": (2.2, 1.9, 5.0), "Pedestrian": (1.7, 0.6, 0.8), "Cyclist": (1.7, 0.6, 1.8)}
+SIZES = {
+    "Car": (1.5, 1.6, 3.9),
+    "Van": (2.2, 1.9, 5.0),
+    "Pedestrian": (1.7, 0.6, 0.8),
+    "Cyclist": (1.7, 0.6, 1.8),
+}
 
 
 def make_folders(root: Path, n_frames: int) -> tuple[Path, Path]:
@@ -63,14 +68,22 @@ def make_folders(root: Path, n_frames: int) -> tuple[Path, Path]:
 
 
 def line(
-    kind: str, occluded: int, x: float, z: float, ry: float, noise: float, rng: np.random.Generator, end: str
+    kind: str,
+    occluded: int,
+    x: float,
+    z: float,
+    ry: float,
+    noise: float,
+    rng: np.random.Generator,
+    end: str,
 ) -> str:
     h, w, length = (v * (1 + rng.normal(0, noise / 3)) for v in SIZES[kind])
     x, z = x + rng.normal(0, noise), z + rng.normal(0, noise)
     height = 720 * h / z
     u = 610 + 720 * x / z
     box = f"{u - height:.2f} {180 - height / 2:.2f} {u + height:.2f} {180 + height / 2:.2f}"
-    return f"{kind} 0.00 {occluded} 0.50 {box} {h:.2f} {w:.2f} {length:.2f} {x:.2f} 1.70 {z:.2f} {ry:.2f}{end}\n"
+    size = f"{h:.2f} {w:.2f} {length:.2f}"
+    return f"{kind} 0.00 {occluded} 0.50 {box} {size} {x:.2f} 1.70 {z:.2f} {ry:.2f}{end}\n"
 
 
 def load_other(folder: Path) -> types.ModuleType:
@@ -97,7 +110,18 @@ def load_other(folder: Path) -> types.ModuleType:
 def annotations(table: LabelTable) -> list[dict[str, np.ndarray]]:
     """Frames as mmdet3d wants them."""
     proper = np.array(
-        ["Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc", "DontCare", "?"]
+        [
+            "Car",
+            "Van",
+            "Truck",
+            "Pedestrian",
+            "Person_sitting",
+            "Cyclist",
+            "Tram",
+            "Misc",
+            "DontCare",
+            "?",
+        ]
     )
     assert len(proper) == len(NAMES) + 1
     frames = []
@@ -129,10 +153,14 @@ def best(work: Callable[[], object], times: int = 3) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--labels", type=Path)
     parser.add_argument("--results", type=Path)
-    parser.add_argument("--frames", type=int, default=3769, help="made-up frames, where no folders are given")
+    parser.add_argument(
+        "--frames", type=int, default=3769, help="made-up frames, where no folders are given"
+    )
     options = parser.parse_args()
     warnings.filterwarnings("ignore")
     with tempfile.TemporaryDirectory() as folder:
@@ -146,22 +174,32 @@ def main() -> None:
         gt, det = read_table(labels, ids, scored=False), read_table(results, ids, scored=True)
         core = best(lambda: evaluate(compare(gt, det, protocol)))
         print(f"{len(ids)} frames, 3 classes x 3 metrics x 3 levels, CPU seconds")
-        print(f"fl3d, text files to curves      {ours:8.3f}   (reading {ours - core:.3f}, evaluating {core:.3f})")
+        print(
+            f"fl3d, text files to curves      {ours:8.3f}   "
+            f"(reading {ours - core:.3f}, evaluating {core:.3f})"
+        )
         other = load_other(Path(folder))
         gt_frames, det_frames = annotations(gt), annotations(det)
         classes = ["Car", "Pedestrian", "Cyclist"]
 
         def theirs() -> object:
-            return other.kitti_eval(gt_frames, det_frames, classes, eval_types=["bbox", "bev", "3d"])
+            return other.kitti_eval(
+                gt_frames, det_frames, classes, eval_types=["bbox", "bev", "3d"]
+            )
 
         theirs()  # compile
         seconds = best(theirs, 1)
-        print(f"mmdet3d 1.4.0, without reading  {seconds:8.3f}   {seconds / ours:.0f} x fl3d with reading")
+        print(
+            f"mmdet3d 1.4.0, without reading  {seconds:8.3f}   "
+            f"{seconds / ours:.0f} x fl3d with reading"
+        )
         print("(mmdet3d looks at two sets of overlaps in one call; per set about half)")
         shaken = LabelTable(det.offsets, det.types, det.values.copy())
         shaken.values[:, 14] += np.random.default_rng(0).normal(0, 0.02, len(det.types))
         sides = [compare(gt, d, protocol) for d in (det, shaken)]
-        pairs = [[side.matches("Car", m, d) for side in sides] for m in METRICS for d in DIFFICULTIES]
+        pairs = [
+            [side.matches("Car", m, d) for side in sides] for m in METRICS for d in DIFFICULTIES
+        ]
         paired_bootstrap(pairs[0][:1], pairs[0][1:], 2)
         resampling = best(lambda: [paired_bootstrap([a], [b]) for a, b in pairs], 2)
         print(f"paired bootstrap, 1000 resamples, two detectors, Car, 9 APs  {resampling:.3f}")

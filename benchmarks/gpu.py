@@ -1,12 +1,14 @@
-"""What a GPU makes of the paper's networks: time of a step, how much of the card that uses, how stages share it.
+"""What a GPU makes of the paper's networks: time of a step, use of the card, stages that share it.
 
-    python benchmarks/gpu.py [--device cuda] [--size paper] [--minutes 8]      (benchmarks/gpu.sh finds a Python first)
+    python benchmarks/gpu.py [--device cuda] [--size paper] [--minutes 8]      (benchmarks/gpu.sh
+    finds a Python first)
 
-Frames are simulated, in batches of one, as the paper trains. First each way to compute (sparse or dense, precision,
-compiled) runs a training step over batches that lie on the card; its model FLOP utilisation counts the dense network's
-products against the peak of the card's matrix units at that precision (known for the cards below, else left out). Then
-the fastest way runs in the trainer, fed by loader processes, as one stage and as several at once on the card, and
-packed: several networks in one process on the same batches. Last, the time of the paper's whole gamma sweep at the best
+Frames are simulated, in batches of one, as the paper trains. First each way to compute (sparse or
+dense, precision, compiled) runs a training step over batches that lie on the card; its model FLOP
+utilisation counts the dense network's products against the peak of the card's matrix units at that
+precision (known for the cards below, else left out). Then the fastest way runs in the trainer, fed
+by loader processes, as one stage and as several at once on the card, and packed: several networks
+in one process on the same batches. Last, the time of the paper's whole gamma sweep at the best
 rate: 2 detectors, 30 + 7 x 30 epochs of 3712 steps, and 3769 frames looked at after each.
 
 Each measurement has a process of its own. The last line is one JSON object.
@@ -29,17 +31,19 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
+from fl3d.core.records import Stage
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import KittiFolder
-from fl3d.data.simulator.generate import Settings, write_folder
 from fl3d.detectors.flops import layer_flops
-from fl3d.records import Stage
+from fl3d.inference.detect import detect_frames, to_device
+from fl3d.inference.load import build_detector
+from fl3d.inference.precision import multiplying
+from fl3d.inference.reproducibility import prepare
+from fl3d.simulator.generate import Settings, write_folder
 from fl3d.sweep.identity import result_config
-from fl3d.training.build import build_detector, build_optimizer, build_schedule
-from fl3d.training.precision import multiplying
-from fl3d.training.reproducibility import prepare
-from fl3d.training.trainer import Trainer, detect_frames, to_device
+from fl3d.training.build import build_optimizer, build_schedule
+from fl3d.training.trainer import Trainer
 
 NETWORKS = ("voxelnet", "fcn3d")
 # compute, precision, compiled; the first is what a sweep does unless told otherwise
@@ -57,11 +61,17 @@ FRAMES = 32
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--device", default="cuda")
     parser.add_argument("--size", default="paper", help="profile whose networks are measured")
-    parser.add_argument("--minutes", type=float, default=8, help="what does not fit is left out, and said")
-    parser.add_argument("--one", nargs=3, metavar=("KIND", "FOLDER", "JSON"), help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--minutes", type=float, default=8, help="what does not fit is left out, and said"
+    )
+    parser.add_argument(
+        "--one", nargs=3, metavar=("KIND", "FOLDER", "JSON"), help=argparse.SUPPRESS
+    )
     arguments = parser.parse_args()
     if arguments.one:
         kind, folder, values = arguments.one
@@ -71,8 +81,13 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_folder(Path(folder), Settings(train=FRAMES, val=1, seed=0))
         common = {"device": arguments.device, "size": arguments.size}
-        print(f"{card(arguments.device)}, torch {torch.__version__}, frames of the simulator, profile {arguments.size}")
-        ends = {name: started + seconds * (k + 1) / len(NETWORKS) for k, name in enumerate(NETWORKS)}
+        print(
+            f"{card(arguments.device)}, torch {torch.__version__}, frames of the simulator, "
+            f"profile {arguments.size}"
+        )
+        ends = {
+            name: started + seconds * (k + 1) / len(NETWORKS) for k, name in enumerate(NETWORKS)
+        }
         found = {name: report(Path(folder), name, common, end) for name, end in ends.items()}
         hours = [one.get("sweep_hours") for one in found.values()]
         if None not in hours:
@@ -83,7 +98,11 @@ def main() -> None:
 def report(folder: Path, name: str, common: dict[str, Any], deadline: float) -> dict[str, Any]:
     """Measure one network, and print its tables."""
     flops = sum(
-        layer_flops(lambda: build_detector(compose_config([f"detector={name}", f"profile={common['size']}"]))).values()
+        layer_flops(
+            lambda: build_detector(
+                compose_config([f"detector={name}", f"profile={common['size']}"])
+            )
+        ).values()
     )
     found: dict[str, Any] = {"ways": {}, "shared": {}}
     ways = WAYS if common["device"] != "cpu" else [way for way in WAYS if way[1] != "tf32"]
@@ -97,7 +116,8 @@ def report(folder: Path, name: str, common: dict[str, Any], deadline: float) -> 
             peak = peak_of(card(common["device"]), precision)
             share = f"{100 * tera / peak:5.1f} % of {peak:g}" if peak else "  peak unknown"
             tqdm.write(
-                f"  {name:8s} {label:22s} step {1e3 * result['step']:8.1f} ms, look {1e3 * result['look']:7.1f} ms, "
+                f"  {name:8s} {label:22s} step {1e3 * result['step']:8.1f} ms, "
+                f"look {1e3 * result['look']:7.1f} ms, "
                 f"{result['gigabytes']:5.1f} GB, {tera:7.1f} dense TFLOP/s, {share}"
             )
     if not found["ways"]:
@@ -107,9 +127,12 @@ def report(folder: Path, name: str, common: dict[str, Any], deadline: float) -> 
     for label, rate in shared(folder, common | one, deadline):
         found["shared"][label] = rate
         print(
-            f"  {name:8s} {label:22s} {rate['steps_per_second']:8.2f} steps/s, {rate['waiting']:6.1%} of them waiting"
+            f"  {name:8s} {label:22s} {rate['steps_per_second']:8.2f} steps/s, "
+            f"{rate['waiting']:6.1%} of them waiting"
         )
-    rates = [r["steps_per_second"] for label, r in found["shared"].items() if label.endswith("at once")]
+    rates = [
+        r["steps_per_second"] for label, r in found["shared"].items() if label.endswith("at once")
+    ]
     rate = max(rates, default=1 / best["step"])
     looks = EPOCHS * VAL * best["look"] * min(1.0, (1 / best["step"]) / rate)  # shared as steps are
     found["sweep_hours"] = round((EPOCHS * TRAIN / rate + looks) / 3600, 2)
@@ -117,15 +140,26 @@ def report(folder: Path, name: str, common: dict[str, Any], deadline: float) -> 
     return found
 
 
-def shared(folder: Path, one: dict[str, Any], deadline: float) -> list[tuple[str, dict[str, float]]]:
-    """Steps in a second of several stages at once on one card, each a process; and packed in one."""
+def shared(
+    folder: Path, one: dict[str, Any], deadline: float
+) -> list[tuple[str, dict[str, float]]]:
+    """Steps in a second of several stages on one card, each a process; and packed in one."""
     found = []
     for count in AT_ONCE:
-        running = [start(folder, "train", one | {"seconds": 8, "index": k, "count": count}) for k in range(count)]
-        ended = [result for result in (finish(process, deadline) for process in running) if result is not None]
+        running = [
+            start(folder, "train", one | {"seconds": 8, "index": k, "count": count})
+            for k in range(count)
+        ]
+        ended = [
+            result
+            for result in (finish(process, deadline) for process in running)
+            if result is not None
+        ]
         if len(ended) == count:
             rate = sum(result["steps_per_second"] for result in ended)
-            found.append((f"{count} at once", {"steps_per_second": rate, "waiting": ended[0]["waiting"]}))
+            found.append(
+                (f"{count} at once", {"steps_per_second": rate, "waiting": ended[0]["waiting"]})
+            )
     packed = alone(folder, "packed", one | {"count": PACKED}, deadline)
     return [*found, (f"{PACKED} packed", packed)] if packed is not None else found
 
@@ -136,7 +170,7 @@ def start(folder: Path, kind: str, values: dict[str, Any]) -> subprocess.Popen[s
 
 
 def finish(process: subprocess.Popen[str], deadline: float) -> dict[str, Any] | None:
-    """What a process found; None, and a line saying why, where it failed or there was no time left."""
+    """What a process found; None, and a line why, where it failed or had no time left."""
     try:
         out, problem = process.communicate(timeout=max(0.1, deadline - time.monotonic()))
     except subprocess.TimeoutExpired:
@@ -145,20 +179,31 @@ def finish(process: subprocess.Popen[str], deadline: float) -> dict[str, Any] | 
         tqdm.write(f"  left out for lack of time: {' '.join(process.args[4:])}")  # type: ignore[arg-type, index]
         return None
     if process.returncode != 0:
-        tqdm.write(f"  failed: {(problem.strip().splitlines() or [f'exit code {process.returncode}'])[-1]}")
+        tqdm.write(
+            f"  failed: {(problem.strip().splitlines() or [f'exit code {process.returncode}'])[-1]}"
+        )
         return None
     found: dict[str, Any] = json.loads(out.splitlines()[-1])
     return found
 
 
-def alone(folder: Path, kind: str, values: dict[str, Any], deadline: float) -> dict[str, Any] | None:
+def alone(
+    folder: Path, kind: str, values: dict[str, Any], deadline: float
+) -> dict[str, Any] | None:
     """Measure in a process of its own."""
     return finish(start(folder, kind, values), deadline)
 
 
-def config_of(name: str, compute: str, precision: str, compiled: bool, device: str, size: str) -> dict[str, Any]:
+def config_of(
+    name: str, compute: str, precision: str, compiled: bool, device: str, size: str
+) -> dict[str, Any]:
     """A trial's config."""
-    changes = [f"detector.compute={compute}", f"precision={precision}", f"compile={compiled}", f"device={device}"]
+    changes = [
+        f"detector.compute={compute}",
+        f"precision={precision}",
+        f"compile={compiled}",
+        f"device={device}",
+    ]
     return compose_config([f"detector={name}", f"profile={size}", "loss.gamma=2", *changes])
 
 
@@ -174,12 +219,15 @@ def batches_of(detector: Any, folder: Path, device: str, count: int) -> list[Any
     """Batches of one frame, on the device."""
     kitti = KittiFolder(folder)
     frames = [kitti.frame(i) for i in kitti.split("train")[:count]]
-    samples = [detector.encode(frame, np.random.default_rng(k), training=True) for k, frame in enumerate(frames)]
+    samples = [
+        detector.encode(frame, np.random.default_rng(k), training=True)
+        for k, frame in enumerate(frames)
+    ]
     return [to_device(detector.collate([sample]), device) for sample in samples]
 
 
 def steps(folder: Path, **way: Any) -> dict[str, float]:
-    """Seconds of a training step and of a forward pass in evaluation mode, and peak memory on the card."""
+    """Seconds of a training step and of a frame's detection, and peak memory on the card."""
     config = config_of(**way)
     prepare(0, config["device"], config["precision"])
     detector, optimizer = network(config)
@@ -205,7 +253,7 @@ def steps(folder: Path, **way: Any) -> dict[str, float]:
 
 
 def packed(folder: Path, count: int, **way: Any) -> dict[str, float]:
-    """Several networks in one process, each step on a stream of its own, all on the same batches."""
+    """Several networks in one process, each on a stream of its own, on the same batches."""
     config = config_of(**way)
     prepare(0, config["device"], config["precision"])
     pairs = [network(config) for _ in range(count)]
@@ -224,19 +272,23 @@ def packed(folder: Path, count: int, **way: Any) -> dict[str, float]:
 
 
 def train(folder: Path, seconds: float, index: int, count: int, **way: Any) -> dict[str, float]:
-    """Steps in a second of the trainer, its input made by loader processes, and the share of time it waited."""
+    """Steps in a second of the trainer, fed by loader processes, and how much of it was waiting."""
     config = config_of(**way)
     prepare(0, config["device"], config["precision"])
     detector, optimizer = network(config)
     schedule = dict(config["schedule"], stage={"lr_factor": 1.0}, batch_size=1, frames_per_epoch=8)
-    schedule = {key: value for key, value in schedule.items() if key not in ("stages", "epochs", "save_every_steps")}
+    schedule = {
+        key: value
+        for key, value in schedule.items()
+        if key not in ("stages", "epochs", "save_every_steps")
+    }
     stage = Stage("benchmark", "warmup", result_config(config), None, 0, 0, 10_000, 8)
     kitti = KittiFolder(folder)
     trainer = Trainer(
         stage,
         detector,
         optimizer,
-        build_schedule(config | {"schedule": schedule}, {"save_every_steps": None}),
+        build_schedule(config | {"schedule": schedule}),
         Frames(kitti, kitti.split("train"), FRAMES),
         config["device"],
         0 if config["device"] == "cpu" else 4,
@@ -246,17 +298,24 @@ def train(folder: Path, seconds: float, index: int, count: int, **way: Any) -> d
     synchronize(config["device"])
     ready = [folder / f"ready-{way['name']}-{count}-{k}" for k in range(count)]
     ready[index].touch()
-    while not all(path.exists() for path in ready):  # all are warm: from here on they share the card
+    while not all(
+        path.exists() for path in ready
+    ):  # all are warm: from here on they share the card
         time.sleep(0.01)
     trainer.waited, before, started = 0.0, trainer.step, time.perf_counter()
     while time.perf_counter() - started < seconds:
         trainer.train_epoch(lambda: None)
     synchronize(config["device"])
     elapsed = time.perf_counter() - started
-    return {"steps_per_second": (trainer.step - before) / elapsed, "waiting": trainer.waited / elapsed}
+    return {
+        "steps_per_second": (trainer.step - before) / elapsed,
+        "waiting": trainer.waited / elapsed,
+    }
 
 
-def timed(run: Callable[[Any], None], batches: list[Any], device: str, seconds: float = 2.5) -> float:
+def timed(
+    run: Callable[[Any], None], batches: list[Any], device: str, seconds: float = 2.5
+) -> float:
     """Mean seconds of a call, over the batches again and again."""
     for batch in batches[:3]:
         run(batch)
@@ -289,7 +348,11 @@ def peak_of(name: str, precision: str) -> float | None:
     return None
 
 
-KINDS: dict[str, Callable[..., dict[str, float]]] = {"steps": steps, "packed": packed, "train": train}
+KINDS: dict[str, Callable[..., dict[str, float]]] = {
+    "steps": steps,
+    "packed": packed,
+    "train": train,
+}
 
 if __name__ == "__main__":
     main()

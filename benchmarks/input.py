@@ -1,9 +1,10 @@
-"""Voxelisation beside what one would pick instead: 20,000 points into VoxelNet's full-size grid, one thread.
+"""Voxelisation beside what one would pick instead: 20,000 points into VoxelNet's full-size grid.
 
     python benchmarks/input.py [--kitti FOLDER --frames FILE]
 
-fl3d gives seven features a point (with the offsets from the voxel's mean) and voxels in rising order; spconv's
-PointToVoxel (pip install spconv) gives the raw points in padded slots; torch.unique is the plain way in PyTorch.
+fl3d gives seven features a point (with the offsets from the voxel's mean) and voxels in rising
+order; spconv's PointToVoxel (pip install spconv) gives the raw points in padded slots; torch.unique
+is the plain way in PyTorch.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ MAX_POINTS, MAX_VOXELS = 35, 20_000
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kitti", type=Path)
     parser.add_argument("--frames", type=Path)
     arguments = parser.parse_args()
@@ -56,8 +59,8 @@ def cloud(kitti: Path | None, frames: Path | None) -> NDArray[np.float32]:
         ids = [line.strip() for line in read_lines(frames) if line.strip()]
         clouds = [KittiFolder(kitti).frame(i).points_velo for i in ids]
         return min(clouds, key=lambda c: abs(len(c) - 20_000))
-    from fl3d.data.simulator.lidar import scan
-    from fl3d.data.simulator.scene import random_scene
+    from fl3d.simulator.lidar import scan
+    from fl3d.simulator.scene import random_scene
 
     rng = np.random.default_rng(0)
     site = random_scene(rng)

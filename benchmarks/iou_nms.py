@@ -2,8 +2,8 @@
 
     python benchmarks/iou_nms.py
 
-Wall milliseconds of one thread after compilation, the best of several. 500 x 500 car-sized boxes spread over
-70 x 80 m; suppression of 2000 of them, spread and in heaps of 20.
+Wall milliseconds of one thread after compilation, the best of several. 500 x 500 car-sized boxes
+spread over 70 x 80 m; suppression of 2000 of them, spread and in heaps of 20.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from fl3d.geometry.nms import nms
 
 def boxes(rng: np.random.Generator, n: int) -> np.ndarray:
     place = (rng.uniform(0, 70, n), rng.uniform(-40, 40, n))
-    return np.column_stack([*place, rng.normal(3.9, 0.4, n), rng.normal(1.6, 0.1, n), rng.uniform(-3, 3, n)])
+    return np.column_stack(
+        [*place, rng.normal(3.9, 0.4, n), rng.normal(1.6, 0.1, n), rng.uniform(-3, 3, n)]
+    )
 
 
 def polygons(rectangles: np.ndarray) -> np.ndarray:
@@ -75,7 +77,13 @@ def main() -> None:
     )
     print(f"largest difference {error:.1e}")
     spread = boxes(rng, 2000)
-    heaps = np.repeat(boxes(rng, 100), 20, axis=0) + rng.normal(0, 0.3, (2000, 5)) * [1, 1, 0.1, 0.1, 0.1]
+    heaps = np.repeat(boxes(rng, 100), 20, axis=0) + rng.normal(0, 0.3, (2000, 5)) * [
+        1,
+        1,
+        0.1,
+        0.1,
+        0.1,
+    ]
     scores = rng.random(2000)
     for name, case in (("spread", spread), ("heaps", heaps)):
         nms(case, scores, 0.1, "rotated", 2000)

@@ -1,4 +1,4 @@
-"""A trial as a plain Hydra job, its stages one after another: what `scheduler.py` holds against fl3d's own way."""
+"""A trial as a plain Hydra job, its stages in turn: what `scheduler.py` compares fl3d with."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from fl3d.config import CONF, resolve
-from fl3d.pipeline import Sweep
-from fl3d.records import StagePaths
-from fl3d.sweep.sweepers.base import Point
-from fl3d.sweep.sweepers.grid import Listed
-from fl3d.training.run import run_stage, write_spec
+from fl3d.config.compose import CONF, resolve
+from fl3d.runs.spec import Spec, write_spec
+from fl3d.sweep.run import machine, prepare_sweep
+from fl3d.sweep.sweepers.grid import Listed, point_of
+from fl3d.training.stage import run_stage
 
 warnings.filterwarnings("ignore", message=".*hydra.*", category=DeprecationWarning)
 
@@ -25,11 +24,11 @@ def main(config: DictConfig) -> None:
     del config["work"]
     name = f"{config.detector._target_.rsplit('.', 1)[-1]}-{config.loss.gamma}"
     config.store.root = str(work / name)
-    sweep = Sweep(Listed([Point((), resolve(config))]))
-    for key, stage in sweep.plan.stages.items():
-        paths = StagePaths(sweep.stages_root / key)
-        write_spec(paths, stage, sweep.machine())
-        run_stage(paths.folder)
+    prepared = prepare_sweep(Listed([point_of([], resolve(config))]))
+    for key, stage in prepared.plan.stages.items():
+        folder = prepared.layout.run(key)
+        write_spec(folder, Spec(stage, machine(prepared)))
+        run_stage(folder.path)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,18 @@
-"""Sparse layers beside dense ones: time, memory and error of the networks on real frames, one thread.
+"""Sparse layers beside dense ones: time, memory and error on real frames, one thread.
 
     python benchmarks/networks.py --kitti FOLDER --frames FILE [--sizes paper quick]
 
-The frame of FILE with the median number of voxels is taken (and, with --simulated FOLDER, one of a simulated folder).
-Each measurement has a process of its own: CPU seconds of one forward pass and of one training step (forward, backward,
-optimiser), a frame each, and peak memory. Dense runs in torch's two memory layouts; sparse also on four frames at once,
-for each of them, and with products in bfloat16. The error is that of the sparse network's outputs
-against the dense one's, both in float64, relative to the largest output; the dense one's 3D batch normalisations sum in
-two passes, since torch's own lose four digits over a million positions that are nearly alike.
+The frame of FILE with the median number of voxels is taken (and, with --simulated FOLDER, one of a
+simulated folder). Each measurement has a process of its own: CPU seconds of one forward pass and of
+one training step (forward, backward, optimiser), a frame each, and peak memory. Dense runs in
+torch's two memory layouts; sparse also on four frames at once, for each of them, and with products
+in bfloat16. The error is that of the sparse network's outputs against the dense one's, both in
+float64, relative to the largest output; the dense one's 3D batch normalisations sum in two passes,
+since torch's own lose four digits over a million positions that are nearly alike.
 
-The last line is one JSON object for the full size: {network: {"forward_ratio", "step_ratio", "max_error_float64"}};
-ratios are dense contiguous / sparse. Networks: voxelnet_middle (its 3D convolutions), voxelnet, fcn3d.
+The last line is one JSON object for the full size: {network: {"forward_ratio", "step_ratio",
+"max_error_float64"}}; ratios are dense contiguous / sparse. Networks: voxelnet_middle (its 3D
+convolutions), voxelnet, fcn3d.
 """
 
 from __future__ import annotations
@@ -30,15 +32,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
 from fl3d.data.kitti import KittiFolder, read_lines
 from fl3d.data.voxels import occupancy
 from fl3d.detectors import fcn3d, voxelnet
 from fl3d.detectors.base import Batch, Detector
 from fl3d.detectors.blocks import scatter_dense
+from fl3d.inference.load import build_detector
+from fl3d.inference.precision import multiplying
 from fl3d.sparse.background import BackgroundMap, dense
-from fl3d.training.build import build_detector, build_optimizer
-from fl3d.training.precision import multiplying
+from fl3d.training.build import build_optimizer
 
 NETWORKS = {"voxelnet_middle": "voxelnet", "voxelnet": "voxelnet", "fcn3d": "fcn3d"}
 LAYOUTS = {"contiguous": torch.contiguous_format, "channels_last": torch.channels_last_3d}
@@ -46,12 +49,18 @@ WAYS = ("contiguous", "channels_last", "sparse", "sparse, 4 at once", "sparse, b
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kitti", type=Path, required=True)
     parser.add_argument("--frames", type=Path, help="a list of frame ids, one a line")
     parser.add_argument("--simulated", type=Path, help="a simulated KITTI folder, measured beside")
-    parser.add_argument("--sizes", nargs="+", default=["quick", "paper"], choices=["quick", "paper"])
-    parser.add_argument("--one", nargs=4, metavar=("NETWORK", "WAY", "SIZE", "FRAME"), help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--sizes", nargs="+", default=["quick", "paper"], choices=["quick", "paper"]
+    )
+    parser.add_argument(
+        "--one", nargs=4, metavar=("NETWORK", "WAY", "SIZE", "FRAME"), help=argparse.SUPPRESS
+    )
     arguments = parser.parse_args()
     if arguments.one:
         print(json.dumps(measure(arguments.kitti, *arguments.one)))
@@ -65,8 +74,12 @@ def main() -> None:
                 show(f"{network}, {size}, {folder.name}/{chosen}", found)
                 if size == "paper" and folder == arguments.kitti:
                     report[network] = {
-                        "forward_ratio": round(found["contiguous"]["forward"] / found["sparse"]["forward"], 2),
-                        "step_ratio": round(found["contiguous"]["step"] / found["sparse"]["step"], 2),
+                        "forward_ratio": round(
+                            found["contiguous"]["forward"] / found["sparse"]["forward"], 2
+                        ),
+                        "step_ratio": round(
+                            found["contiguous"]["step"] / found["sparse"]["step"], 2
+                        ),
                         "max_error_float64": found["error"]["error"],
                     }
     print(json.dumps(report))
@@ -103,7 +116,9 @@ def build(detector: str, compute: str, size: str) -> Any:
 
 def config(detector: str, compute: str, size: str) -> dict[str, Any]:
     """A trial's config."""
-    return compose_config([f"detector={detector}", f"profile={size}", f"detector.compute={compute}"])
+    return compose_config(
+        [f"detector={detector}", f"profile={size}", f"detector.compute={compute}"]
+    )
 
 
 def measure(kitti: Path, network: str, way: str, size: str, frame: str) -> dict[str, float]:
@@ -136,11 +151,16 @@ def measure(kitti: Path, network: str, way: str, size: str, frame: str) -> dict[
 
     step_seconds = seconds(step, rounds)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    return {"forward": forward / count, "step": step_seconds / count, "gigabytes": memory, "parameters": parameters}
+    return {
+        "forward": forward / count,
+        "step": step_seconds / count,
+        "gigabytes": memory,
+        "parameters": parameters,
+    }
 
 
 def encode(model: Detector, kitti: Path, frame: str, count: int = 1) -> Batch:
-    """A batch of a frame, so many times, with its targets; rulebooks are made here, as in the loader's process."""
+    """A batch of a frame, so many times, with its targets; rulebooks are made here."""
     sample = model.encode(KittiFolder(kitti).frame(frame), np.random.default_rng(0), training=True)
     return model.collate([sample] * count)
 
@@ -160,7 +180,9 @@ def middle(model: Any, voxels: Tensor, batch: Batch) -> Tensor:
     """VoxelNet's 3D convolutions alone."""
     if "layout" in batch:
         return dense(model.middle(BackgroundMap.from_voxels(voxels, batch["layout"])))
-    out: Tensor = model.middle(voxelnet.scatter_dense(voxels, batch["cells"], (1, *model.grid.shape)))
+    out: Tensor = model.middle(
+        voxelnet.scatter_dense(voxels, batch["cells"], (1, *model.grid.shape))
+    )
     return out
 
 
@@ -221,7 +243,9 @@ def show(title: str, found: dict[str, dict[str, float]]) -> None:
     print(f"{title}; error in float64 {found['error']['error']:.1e}")
     for way in WAYS:
         own = found[way]
-        ratios = f"{own['forward'] / sparse['forward']:6.2f} x, {own['step'] / sparse['step']:6.2f} x"
+        ratios = (
+            f"{own['forward'] / sparse['forward']:6.2f} x, {own['step'] / sparse['step']:6.2f} x"
+        )
         print(
             f"  {way:17s} forward {own['forward']:8.4f} s, step {own['step']:8.4f} s ({ratios}), "
             f"{own['gigabytes']:.2f} GB",

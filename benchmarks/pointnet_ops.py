@@ -1,11 +1,11 @@
-"""PointNet++'s operators beside torch_cluster and SciPy: choosing, grouping and interpolating points of a frame.
+"""PointNet++'s operators beside torch_cluster and SciPy, on the points of a frame.
 
     python benchmarks/pointnet_ops.py --kitti FOLDER --frame ID [--device cuda]
 
-A frame's points are sampled as PointRCNN does at full size (16,384, of which the first level keeps 4096) and in profile
-quick (4096, 512). Milliseconds on one thread, the median of several runs. torch_cluster (pip install torch_cluster; it
-is compiled) is left out where it is not installed; its ``radius`` gives neighbours in no order.
-SciPy's trees are built anew, as every frame has its own.
+A frame's points are sampled as PointRCNN does at full size (16,384, of which the first level keeps
+4096) and in profile quick (4096, 512). Milliseconds on one thread, the median of several runs.
+torch_cluster (pip install torch_cluster; it is compiled) is left out where it is not installed; its
+``radius`` gives neighbours in no order. SciPy's trees are built anew, as every frame has its own.
 """
 
 from __future__ import annotations
@@ -19,17 +19,19 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
 from fl3d.data.kitti import KittiFolder
+from fl3d.inference.load import build_detector
+from fl3d.inference.reproducibility import prepare
 from fl3d.points.operators import ball_query, farthest_points, gather, interpolate
-from fl3d.training.build import build_detector
-from fl3d.training.reproducibility import prepare
 
 RUNS = 5
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kitti", type=Path, required=True)
     parser.add_argument("--frame", default="000010")
     parser.add_argument("--device", default="cpu")
@@ -49,7 +51,10 @@ def measure(kitti: Path, frame_id: str, profile: str, device: str) -> None:
     count, radius, most = level["count"], level["radii"][1], level["samples"][1]
     centers = gather(points, farthest_points(points, count))
     features = torch.randn(1, count, 64, device=device)
-    print(f"\n{profile}: {points.shape[1]} points, {count} kept, balls of {radius} m and {most} points ({device})")
+    print(
+        f"\n{profile}: {points.shape[1]} points, {count} kept, "
+        f"balls of {radius} m and {most} points ({device})"
+    )
     one, some = points[0], centers[0]
     rows: dict[str, dict[str, Callable[[], object]]] = {
         "farthest points": {"fl3d": lambda: farthest_points(points, count)},
@@ -60,17 +65,27 @@ def measure(kitti: Path, frame_id: str, profile: str, device: str) -> None:
         from scipy.spatial import cKDTree
 
         plain, around = one.numpy(), some.numpy()
-        rows["ball query"]["scipy"] = lambda: cKDTree(plain).query(around, k=most, distance_upper_bound=radius)
-        rows["3 nearest, interpolate"]["scipy, nearest alone"] = lambda: cKDTree(around).query(plain, k=3)
+        rows["ball query"]["scipy"] = lambda: cKDTree(plain).query(
+            around, k=most, distance_upper_bound=radius
+        )
+        rows["3 nearest, interpolate"]["scipy, nearest alone"] = lambda: cKDTree(around).query(
+            plain, k=3
+        )
     try:
         import torch_cluster
     except ImportError:
         print("torch_cluster is not installed")
     else:
         ratio = count / len(one)
-        rows["farthest points"]["torch_cluster"] = lambda: torch_cluster.fps(one, ratio=ratio, random_start=False)
-        rows["ball query"]["torch_cluster"] = lambda: torch_cluster.radius(one, some, radius, max_num_neighbors=most)
-        rows["3 nearest, interpolate"]["torch_cluster, nearest alone"] = lambda: torch_cluster.knn(some, one, 3)
+        rows["farthest points"]["torch_cluster"] = lambda: torch_cluster.fps(
+            one, ratio=ratio, random_start=False
+        )
+        rows["ball query"]["torch_cluster"] = lambda: torch_cluster.radius(
+            one, some, radius, max_num_neighbors=most
+        )
+        rows["3 nearest, interpolate"]["torch_cluster, nearest alone"] = lambda: torch_cluster.knn(
+            some, one, 3
+        )
     for name, ways in rows.items():
         times = {way: timed(call, device) for way, call in ways.items()}
         ratios = [f"{way} {t:.1f} ms ({t / times['fl3d']:.2f} x)" for way, t in times.items()]

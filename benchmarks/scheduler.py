@@ -1,13 +1,15 @@
-"""How much of a sweep is training: fl3d's scheduler beside Hydra's joblib launcher, on the same trials.
+"""How much of a sweep is training: fl3d's scheduler beside Hydra's joblib launcher.
 
     python benchmarks/scheduler.py [--overrides profile=quick] [--without-joblib]
 
-fl3d trains shared beginnings once and starts a stage when its parent is done. Hydra with the joblib launcher
-(pip install hydra-joblib-launcher) runs each trial as one job, its stages in turn, as many jobs at once as cores.
+fl3d trains shared beginnings once and starts a stage when its parent is done. Hydra with the joblib
+launcher (pip install hydra-joblib-launcher) runs each trial as one job, its stages in turn, as many
+jobs at once as cores.
 
-compute  = seconds that stages spent training, detecting and scoring, by their own clocks
-overhead = CPU seconds of everything else (parent, starting of stages, recording in MLflow), in percent of compute
-busy     = CPU seconds of all processes, in percent of cores times the command's whole time, start and tables included
+compute  = seconds that stages spent training, detecting and scoring, by their own clocks overhead =
+CPU seconds of everything else (parent, starting of stages, recording in MLflow), in percent of
+compute busy     = CPU seconds of all processes, in percent of cores times the command's whole time,
+start and tables included
 """
 
 from __future__ import annotations
@@ -21,28 +23,47 @@ import tempfile
 import time
 from pathlib import Path
 
-from fl3d.config import compose_config
-from fl3d.data.prepare import prepare_data
+from fl3d.config.compose import compose_config
+from fl3d.config.settings import read_settings
+from fl3d.sweep.prepare import prepare_data
 
 CORES = len(os.sched_getaffinity(0))
 PURPOSES = ("training", "detection", "scoring")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--overrides", nargs="*", default=["profile=quick"])
     parser.add_argument("--without-joblib", action="store_true")
     arguments = parser.parse_args()
-    prepare_data(compose_config(arguments.overrides)["data"])
+    prepare_data(read_settings(compose_config(arguments.overrides)).data)
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         ours = ["-m", "fl3d", "-m", "+sweep=gamma", *arguments.overrides]
-        fl3d = measure([sys.executable, *ours, f"store.root={work}/runs", f"results={work}/results"], work / "runs")
+        fl3d = measure(
+            [sys.executable, *ours, f"store.root={work}/runs", f"results={work}/results"],
+            work / "runs",
+        )
         show("fl3d", fl3d)
         if not arguments.without_joblib:
-            app = [sys.executable, str(Path(__file__).with_name("joblib_app.py")), "-m", *arguments.overrides]
-            app += ["detector=fcn3d,voxelnet", "loss.gamma=0,0.1,0.2,0.5,1,2,5", f"+work={work}/joblib"]
-            app += ["hydra/sweeper=basic", "hydra/launcher=joblib", f"hydra.launcher.n_jobs={CORES}"]
+            app = [
+                sys.executable,
+                str(Path(__file__).with_name("joblib_app.py")),
+                "-m",
+                *arguments.overrides,
+            ]
+            app += [
+                "detector=fcn3d,voxelnet",
+                "loss.gamma=0,0.1,0.2,0.5,1,2,5",
+                f"+work={work}/joblib",
+            ]
+            app += [
+                "hydra/sweeper=basic",
+                "hydra/launcher=joblib",
+                f"hydra.launcher.n_jobs={CORES}",
+            ]
             joblib = measure(app, work / "joblib")
             show("hydra + joblib", joblib)
             print(f"time: {joblib['wall'] / fl3d['wall']:.2f} x fl3d's")
@@ -58,7 +79,13 @@ def measure(command: list[str], root: Path) -> dict[str, float]:
     compute = sum(marker["seconds"][purpose] for marker in markers for purpose in PURPOSES)
     done = [json.loads(path.read_text()) for path in root.rglob("stages/*/done.json")]
     first, last = min(stage["started"] for stage in done), max(stage["ended"] for stage in done)
-    return {"wall": wall, "cpu": cpu, "compute": compute, "stages": len(done), "training_wall": last - first}
+    return {
+        "wall": wall,
+        "cpu": cpu,
+        "compute": compute,
+        "stages": len(done),
+        "training_wall": last - first,
+    }
 
 
 def machine_cpu() -> float:
@@ -73,9 +100,11 @@ def show(name: str, figures: dict[str, float]) -> None:
     while_training = 100 * figures["compute"] / (CORES * figures["training_wall"])
     overhead = 100 * (figures["cpu"] - figures["compute"]) / figures["compute"]
     print(
-        f"{name}: {figures['stages']:.0f} stages in {figures['wall']:.0f} s, compute {figures['compute']:.0f} s, "
+        f"{name}: {figures['stages']:.0f} stages in {figures['wall']:.0f} s, "
+        f"compute {figures['compute']:.0f} s, "
         f"overhead {overhead:.1f} %, {CORES} cores {busy:.1f} % busy; "
-        f"from the first stage's start to the last one's end {while_training:.1f} % of their time was compute",
+        f"from the first stage's start to the last one's end "
+        f"{while_training:.1f} % of their time was compute",
         flush=True,
     )
 

@@ -2,8 +2,9 @@
 
     python benchmarks/sim_statistics.py --kitti FOLDER --frames FILE [--figure sim_statistics.png]
 
-Labels are compared with all label files of FOLDER's train split, clouds with those of the frames in FILE. What is
-compared, and in which panel it stands, is `PANELS`; each prints one line with the largest difference as well.
+Labels are compared with all label files of FOLDER's train split, clouds with those of the frames in
+FILE. What is compared, and in which panel it stands, is `PANELS`; each prints one line with the
+largest difference as well.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.data.kitti import Frame, KittiFolder, read_lines
-from fl3d.data.simulator.generate import Settings, generate
-from fl3d.data.simulator.hdl64 import ELEVATIONS, ORIGINS
+from fl3d.simulator.generate import Settings, generate
+from fl3d.simulator.hdl64 import ELEVATIONS, ORIGINS
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -30,10 +31,14 @@ COLUMN = 0.16706  # degrees between two firings
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kitti", type=Path, required=True)
     parser.add_argument("--frames", type=Path, required=True)
-    parser.add_argument("--simulated", type=int, default=300, help="frames to simulate (default: 300)")
+    parser.add_argument(
+        "--simulated", type=int, default=300, help="frames to simulate (default: 300)"
+    )
     parser.add_argument("--figure", type=Path, default=Path("sim_statistics.png"))
     arguments = parser.parse_args()
     kitti = KittiFolder(arguments.kitti)
@@ -50,13 +55,12 @@ class Collected:
     """Columns of all objects, and figures of all clouds.
 
     Args:
-        labels: (N, 9) frame, x, y, |heading| in degrees, 2D height, occlusion, truncation, length, height over plane.
-        kinds: (N,) types.
-        n_labelled: frames of the labels.
-        points: (M, 8) x, y, height over the ground plane, reflectance, ring, azimuth (degrees), class, frame.
-        cars: (C, 3) distance, points inside, whether wholly visible.
-        inside: (P, 2) of points in visible cars: share of the height, metres to the nearest visible side.
-        n_frames: frames of the clouds.
+        labels: (N, 9) frame, x, y, |heading| in degrees, 2D height, occlusion, truncation, length,
+        height over plane. kinds: (N,) types. n_labelled: frames of the labels. points: (M, 8) x, y,
+        height over the ground plane, reflectance, ring, azimuth (degrees), class, frame. cars: (C,
+        3) distance, points inside, whether wholly visible. inside: (P, 2) of points in visible
+        cars: share of the height, metres to the nearest visible side. n_frames: frames of the
+        clouds.
     """
 
     labels: Float
@@ -76,12 +80,28 @@ class Collected:
             boxes = calibration.boxes_to_velo(own.boxes_cam)
             yaw = np.abs(np.rad2deg(boxes[:, 6]))
             height = own.boxes_image[:, 3] - own.boxes_image[:, 1]
-            columns = (np.full(len(own), number), boxes[:, 0], boxes[:, 1], np.minimum(yaw, 180 - yaw), height)
-            labels.append(np.column_stack([*columns, own.occluded, own.truncated, boxes[:, 5], boxes[:, 2]]))
+            columns = (
+                np.full(len(own), number),
+                boxes[:, 0],
+                boxes[:, 1],
+                np.minimum(yaw, 180 - yaw),
+                height,
+            )
+            labels.append(
+                np.column_stack([*columns, own.occluded, own.truncated, boxes[:, 5], boxes[:, 2]])
+            )
             kinds.append(own.types)
         parts = [_cloud(folder.frame(frame_id), number) for number, frame_id in enumerate(clouds)]
         points, cars, inside = (np.concatenate([p[k] for p in parts]) for k in range(3))
-        return cls(np.concatenate(labels), np.concatenate(kinds), len(labelled), points, cars, inside, len(clouds))
+        return cls(
+            np.concatenate(labels),
+            np.concatenate(kinds),
+            len(labelled),
+            points,
+            cars,
+            inside,
+            len(clouds),
+        )
 
 
 def _cloud(frame: Frame, number: int) -> tuple[Float, Float, Float]:
@@ -89,7 +109,11 @@ def _cloud(frame: Frame, number: int) -> tuple[Float, Float, Float]:
     rho = np.hypot(xyz[:, 0], xyz[:, 1])
     miss = np.abs(xyz[:, 2:3] - ORIGINS - rho[:, None] * np.tan(np.deg2rad(ELEVATIONS)))
     ring = miss.argmin(axis=1)
-    near = (np.abs(xyz[:, 1]) < 4) & (xyz[:, 0] < 25) & (np.abs(xyz[:, 2] + 1.72 - 0.008 * xyz[:, 0]) < 0.4)
+    near = (
+        (np.abs(xyz[:, 1]) < 4)
+        & (xyz[:, 0] < 25)
+        & (np.abs(xyz[:, 2] + 1.72 - 0.008 * xyz[:, 0]) < 0.4)
+    )
     design = np.column_stack([np.ones(near.sum()), xyz[near][:, :2]])
     plane = np.array([-1.72, 0.008, 0.0])
     for _ in range(4):
@@ -124,7 +148,15 @@ def _cloud(frame: Frame, number: int) -> tuple[Float, Float, Float]:
             inside.append(np.column_stack([t[own], np.min(gaps, axis=0)]))
     azimuth = np.rad2deg(np.arctan2(xyz[:, 1], xyz[:, 0]))
     points = np.column_stack(
-        [xyz[:, :2], height, frame.points_velo[:, 3], ring, azimuth, kind, np.full(len(xyz), number)]
+        [
+            xyz[:, :2],
+            height,
+            frame.points_velo[:, 3],
+            ring,
+            azimuth,
+            kind,
+            np.full(len(xyz), number),
+        ]
     )
     empty = np.zeros((0, 2))
     return points, np.array(cars).reshape(-1, 3), np.concatenate([*inside, empty])
@@ -175,16 +207,20 @@ def heights(c: Collected) -> Float:
     edges = np.array([-2, -0.5, -0.15, 0.15, 0.5, 1, 1.5, 2, 3, 5, 20])
     lateral = np.abs(c.points[:, 1])
     bands = [(0, 5), (5, 10), (10, 20), (20, 45)]
-    return np.concatenate([shares(c.points[(lateral >= a) & (lateral < b), 2], edges) for a, b in bands])
+    return np.concatenate(
+        [shares(c.points[(lateral >= a) & (lateral < b), 2], edges) for a, b in bands]
+    )
 
 
 def ranges(c: Collected) -> Float:
-    counts = np.histogram(np.hypot(c.points[:, 0], c.points[:, 1]), np.arange(0, 81, 5))[0] / c.n_frames
+    counts = (
+        np.histogram(np.hypot(c.points[:, 0], c.points[:, 1]), np.arange(0, 81, 5))[0] / c.n_frames
+    )
     return np.log10(counts + 1)
 
 
 def cells(c: Collected) -> Float:
-    """Occupied cells of 0.4 m a frame, by the highest point in them and by distance, in hundreds."""
+    """Hundreds of occupied cells of 0.4 m a frame, by their highest point and by distance."""
     found = []
     for low, high in ((0, 20), (20, 40), (40, 70)):
         own = c.points[(c.points[:, 0] >= low) & (c.points[:, 0] < high) & (c.points[:, 6] == 3)]
@@ -196,15 +232,22 @@ def cells(c: Collected) -> Float:
 
 
 def steps(c: Collected) -> Float:
-    """Quantiles of the change of range between azimuth neighbours of one ring and class, log10 metres."""
+    """Quantiles of range steps between neighbours of one ring and class, log10 metres."""
     found = []
     reach = np.hypot(c.points[:, 0], c.points[:, 1])
     order = np.lexsort((c.points[:, 5], c.points[:, 4], c.points[:, 7]))
     p, r = c.points[order], reach[order]
     same = (np.diff(p[:, 4]) == 0) & (np.diff(p[:, 7]) == 0) & (np.diff(p[:, 5]) < 0.25)
     for kind, low, high in ((0, -9, 9), (1, -9, 9), (3, 0.15, 2), (3, 2, 9)):
-        own = (p[:-1, 6] == kind) & (p[1:, 6] == kind) & (p[:-1, 2] > low) & (p[:-1, 2] < high) & same
-        found.append(np.log10(np.quantile(np.abs(np.diff(r))[own], [0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99]) + 1e-3))
+        own = (
+            (p[:-1, 6] == kind) & (p[1:, 6] == kind) & (p[:-1, 2] > low) & (p[:-1, 2] < high) & same
+        )
+        found.append(
+            np.log10(
+                np.quantile(np.abs(np.diff(r))[own], [0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99])
+                + 1e-3
+            )
+        )
     return np.concatenate(found)
 
 
@@ -219,7 +262,9 @@ def points_of_cars(c: Collected) -> Float:
 def insets(c: Collected) -> Float:
     """How far within the box the points of a car lie, median by tenth of its height."""
     tenth = np.minimum((c.inside[:, 0] * 10).astype(int), 9)
-    return np.array([np.median(c.inside[tenth == k, 1]) if (tenth == k).any() else np.nan for k in range(10)])
+    return np.array(
+        [np.median(c.inside[tenth == k, 1]) if (tenth == k).any() else np.nan for k in range(10)]
+    )
 
 
 def body_heights(c: Collected) -> Float:
@@ -229,13 +274,17 @@ def body_heights(c: Collected) -> Float:
 def reflectances(c: Collected) -> Float:
     """Quantiles 25, 50, 75, 95 of ground by range, cars, and all else."""
     reach = np.hypot(c.points[:, 0], c.points[:, 1])
-    chosen = [(c.points[:, 6] == 0) & (reach >= a) & (reach < a + 5) for a in (5, 10, 15, 20, 25, 30)]
+    chosen = [
+        (c.points[:, 6] == 0) & (reach >= a) & (reach < a + 5) for a in (5, 10, 15, 20, 25, 30)
+    ]
     chosen += [
         c.points[:, 6] == 1,
         (c.points[:, 6] == 3) & (c.points[:, 2] < 2),
         (c.points[:, 6] == 3) & (c.points[:, 2] > 2),
     ]
-    return np.concatenate([np.quantile(c.points[mask, 3], [0.25, 0.5, 0.75, 0.95]) for mask in chosen])
+    return np.concatenate(
+        [np.quantile(c.points[mask, 3], [0.25, 0.5, 0.75, 0.95]) for mask in chosen]
+    )
 
 
 Panel = tuple[str, Callable[[Collected], Float]]
@@ -243,11 +292,20 @@ PANELS: tuple[Panel, ...] = (
     ("cars a frame, 0 to 20", cars_per_frame),
     ("cars: x in steps of 5 m", lambda c: shares(of_cars(c)[:, 1], np.arange(0, 91, 5))),
     ("cars: |y| in steps of 2 m", lambda c: shares(np.abs(of_cars(c)[:, 2]), np.arange(0, 31, 2))),
-    ("cars: heading to the x axis in steps of 10 degrees", lambda c: shares(of_cars(c)[:, 3], np.arange(0, 91, 10))),
-    ("cars: height of the 2D box in steps of 15 pixels", lambda c: shares(of_cars(c)[:, 4], np.arange(0, 256, 15))),
+    (
+        "cars: heading to the x axis in steps of 10 degrees",
+        lambda c: shares(of_cars(c)[:, 3], np.arange(0, 91, 10)),
+    ),
+    (
+        "cars: height of the 2D box in steps of 15 pixels",
+        lambda c: shares(of_cars(c)[:, 4], np.arange(0, 256, 15)),
+    ),
     ("cars: occlusion 0 to 3; truncated; easy, moderate, hard", levels),
     ("others a frame: Van, Truck, Tram, Misc, Ped., Cyc., sitting, DontCare", others),
-    ("cars: length in steps of 0.25 m", lambda c: shares(of_cars(c)[:, 7], np.arange(2.5, 5.6, 0.25))),
+    (
+        "cars: length in steps of 0.25 m",
+        lambda c: shares(of_cars(c)[:, 7], np.arange(2.5, 5.6, 0.25)),
+    ),
     ("points: ground, cars, other boxes, else", kinds_of_points),
     ("rays that return: rings 0 to 39 by fours; |azimuth| 0-5, -10, -20, -38", returns),
     ("heights over the road by |y| 0-5, -10, -20, -45", heights),
@@ -266,17 +324,24 @@ def draw(theirs: Collected, ours: Collected, path: Path) -> None:
     for axis, (title, measure) in zip(axes.ravel(), PANELS, strict=True):
         real, simulated = measure(theirs), measure(ours)
         axis.plot(real, "o-", color="black", markersize=3.5, linewidth=1, label="KITTI")
-        axis.plot(simulated, "s-", color="tab:orange", markersize=3.5, linewidth=1, label="simulated")
+        axis.plot(
+            simulated, "s-", color="tab:orange", markersize=3.5, linewidth=1, label="simulated"
+        )
         axis.set_title(title, fontsize=9)
         axis.set_ylim(bottom=min(0, np.nanmin([real, simulated])))
         worst = int(np.nanargmax(np.abs(real - simulated)))
-        print(f"{title}: largest difference at {worst}: KITTI {real[worst]:.3f}, simulated {simulated[worst]:.3f}")
+        print(
+            f"{title}: largest difference at {worst}: "
+            f"KITTI {real[worst]:.3f}, simulated {simulated[worst]:.3f}"
+        )
     axes[0, 0].legend()
     mean = [len(c.points) / c.n_frames for c in (theirs, ours)]
     cars = [len(of_cars(c)) / c.n_labelled for c in (theirs, ours)]
     figure.suptitle(
-        f"{theirs.n_labelled} KITTI label files and {theirs.n_frames} clouds against {ours.n_frames} simulated frames; "
-        f"points in view {mean[0]:.0f} and {mean[1]:.0f}, cars a frame {cars[0]:.1f} and {cars[1]:.1f}"
+        f"{theirs.n_labelled} KITTI label files and {theirs.n_frames} clouds "
+        f"against {ours.n_frames} simulated frames; "
+        f"points in view {mean[0]:.0f} and {mean[1]:.0f}, "
+        f"cars a frame {cars[0]:.1f} and {cars[1]:.1f}"
     )
     figure.tight_layout(rect=(0, 0, 1, 0.985))
     figure.savefig(path, dpi=70)

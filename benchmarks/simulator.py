@@ -1,9 +1,9 @@
-"""Frames a second of the simulator: clouds and labels alone, and with pictures; one core, and all; and whether linear.
+"""Frames a second of the simulator: without and with pictures, on one core and on all.
 
     python benchmarks/simulator.py
 
-Each folder is written by `python -m fl3d simulate` in a process of its own; the start of Python and its imports,
-measured with one frame, is taken off.
+Each folder is written by `python -m fl3d simulate` in a process of its own; the start of Python and
+its imports, measured with one frame, is taken off.
 """
 
 from __future__ import annotations
@@ -31,15 +31,28 @@ def main() -> None:
     ):
         taken = seconds(frames, workers, *flags) - start
         what = " ".join(flags) or "with pictures"
-        print(f"{frames:5d} frames, {workers} workers, {what}: {frames / taken:6.1f} frames/s", flush=True)
+        print(
+            f"{frames:5d} frames, {workers} workers, {what}: {frames / taken:6.1f} frames/s",
+            flush=True,
+        )
 
 
 def seconds(frames: int, workers: int, *flags: str) -> float:
     """Wall seconds of one folder."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "fl3d", "simulate", str(Path(folder) / "out"), "--frames", str(frames)]
+        command = [
+            sys.executable,
+            "-m",
+            "fl3d",
+            "simulate",
+            str(Path(folder) / "out"),
+            "--frames",
+            str(frames),
+        ]
         started = time.monotonic()
-        subprocess.run([*command, "--workers", str(workers), *flags], check=True, capture_output=True)
+        subprocess.run(
+            [*command, "--workers", str(workers), *flags], check=True, capture_output=True
+        )
         return time.monotonic() - started
 
 

@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from fl3d.errors import ConfigError, options
+from fl3d.core.errors import ConfigError, options
 
 REGRESSIONS = ("square", "smooth_l1")
 
@@ -78,11 +78,15 @@ class DetectionLoss:
 
     def __post_init__(self) -> None:
         if self.regression not in REGRESSIONS:
-            raise ConfigError(f"loss.regression: no form '{self.regression}'. {options(self.regression, REGRESSIONS)}")
+            raise ConfigError(
+                f"loss.regression: no form '{self.regression}'. {options(self.regression, REGRESSIONS)}"
+            )
         for name in ("gamma", "alpha", "beta", "eta", "sigma"):
             value = getattr(self, name)
             if not isinstance(value, int | float) or value < 0 or (name == "sigma" and value == 0):
-                raise ConfigError(f"loss.{name}: '{value}' is not a number of at least 0 (sigma: above 0)")
+                raise ConfigError(
+                    f"loss.{name}: '{value}' is not a number of at least 0 (sigma: above 0)"
+                )
 
     def classification(self, positive: Tensor, negative: Tensor) -> dict[str, Tensor]:
         """Weighted loss of positives and of negatives, times eta (Eq. 8, 10, 11).
@@ -92,8 +96,12 @@ class DetectionLoss:
             negative: (N_neg,) logits of negative windows.
         """
         return {
-            "cls_pos": self.eta * self.alpha * self._mean(focal(positive, torch.ones_like(positive), self.gamma)),
-            "cls_neg": self.eta * self.beta * self._mean(focal(negative, -torch.ones_like(negative), self.gamma)),
+            "cls_pos": self.eta
+            * self.alpha
+            * self._mean(focal(positive, torch.ones_like(positive), self.gamma)),
+            "cls_neg": self.eta
+            * self.beta
+            * self._mean(focal(negative, -torch.ones_like(negative), self.gamma)),
         }
 
     def localization(self, u: Tensor, target: Tensor) -> Tensor:
@@ -133,7 +141,9 @@ class BalancedFocalLoss:
         if not isinstance(self.gamma, int | float) or self.gamma < 0:
             raise ConfigError(f"loss.gamma: '{self.gamma}' is not a number of at least 0")
         if not isinstance(self.alpha, int | float) or not 0 <= self.alpha <= 1:
-            raise ConfigError(f"loss.alpha: '{self.alpha}' is not a number in 0..1; the background weighs 1 - alpha")
+            raise ConfigError(
+                f"loss.alpha: '{self.alpha}' is not a number in 0..1; the background weighs 1 - alpha"
+            )
 
     def classification(self, positive: Tensor, negative: Tensor) -> dict[str, Tensor]:
         """Loss of positives and of negatives, both divided by the number of positives, at least one.
@@ -144,6 +154,10 @@ class BalancedFocalLoss:
         """
         count = max(1, positive.numel())
         return {
-            "cls_pos": self.alpha * focal(positive, torch.ones_like(positive), self.gamma).sum() / count,
-            "cls_neg": (1 - self.alpha) * focal(negative, -torch.ones_like(negative), self.gamma).sum() / count,
+            "cls_pos": self.alpha
+            * focal(positive, torch.ones_like(positive), self.gamma).sum()
+            / count,
+            "cls_neg": (1 - self.alpha)
+            * focal(negative, -torch.ones_like(negative), self.gamma).sum()
+            / count,
         }

@@ -1,4 +1,4 @@
-"""Change training frames at random: objects of other frames put in, flip, turn and scale; for detectors of clouds.
+"""Change training frames at random: objects of other frames pasted in, flip, rotation, scale; for detectors of clouds.
 
 Yan, Mao, Li: SECOND: Sparsely Embedded Convolutional Detection. Sensors 2018, §3.2.2; numbers as in PointRCNN's code.
 All of it happens in the LiDAR frame; labels keep what is not a box in space, such as the 2D box, as it was.
@@ -12,21 +12,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.core.errors import ConfigError, options
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import Frame
 from fl3d.data.labels import Labels, joined
 from fl3d.data.road import ROADS, road_height
-from fl3d.errors import ConfigError, options
 from fl3d.geometry.boxes import Array, points_inside, rectangles_velo, wrap
 from fl3d.geometry.iou import bev_iou
 
 LEAST_HEIGHT, MOST_OCCLUDED, MOST_TRUNCATED = 25.0, 2, 0.5  # pixels; of KITTI's level hard
-HEADROOM = 2.0  # metres above an object that is put in, cleared of the scene's points
+HEADROOM = 2.0  # metres above a pasted object, cleared of the scene's points
 
 
 @dataclass(frozen=True)
 class Object:
-    """An object of a frame, to be put into others.
+    """An object of a frame, to be pasted into others.
 
     Args:
         points_velo: (P, 4) inside the box.
@@ -41,7 +41,7 @@ class Object:
 
 @dataclass(frozen=True)
 class ObjectSampling:
-    """Which objects of other frames are put into a frame.
+    """Which objects of other frames are pasted into a frame.
 
     Args:
         classes: of the objects.
@@ -70,10 +70,12 @@ class ObjectSampling:
 
     def __post_init__(self) -> None:
         if self.road not in ROADS:
-            raise ConfigError(f"augment.objects.road: no choice '{self.road}'. {options(self.road, ROADS)}")
+            raise ConfigError(
+                f"augment.objects.road: no choice '{self.road}'. {options(self.road, ROADS)}"
+            )
 
     def objects(self, frame: Frame) -> list[Object]:
-        """What of a frame may be put into others."""
+        """What of a frame may be pasted into others."""
         labels = frame.labels
         height = labels.boxes_image[:, 3] - labels.boxes_image[:, 1]
         fit = np.isin(labels.types, self.classes) & (height >= LEAST_HEIGHT)
@@ -83,7 +85,11 @@ class ObjectSampling:
         inside = points_inside(frame.points_velo, boxes)
         enough = (inside.sum(axis=1) >= self.min_points) & self._within(boxes)
         return [
-            Object(frame.points_velo[inside[i]], boxes[i], labels.select(np.arange(len(labels)) == rows[i]))
+            Object(
+                frame.points_velo[inside[i]],
+                boxes[i],
+                labels.select(np.arange(len(labels)) == rows[i]),
+            )
             for i in np.flatnonzero(enough)
         ]
 
@@ -99,10 +105,12 @@ class Augmentation:
         flip: probability of left for right.
         turn: largest, in degrees, about the sensor.
         scale: largest change of scale, as a share.
-        objects: what is put in; None: nothing.
+        objects: what is pasted in; None: nothing.
     """
 
-    def __init__(self, flip: float, turn: float, scale: float, objects: ObjectSampling | None = None) -> None:
+    def __init__(
+        self, flip: float, turn: float, scale: float, objects: ObjectSampling | None = None
+    ) -> None:
         self.flip, self.turn, self.scale, self.objects = flip, turn, scale, objects
         self._bank: dict[int, list[Object]] = {}
 
@@ -131,7 +139,9 @@ class Augmentation:
         boxes_cam[is_box] = frame.calibration.boxes_to_cam(boxes)
         return replace(frame, points_velo=points, labels=replace(frame.labels, boxes_cam=boxes_cam))
 
-    def _put_in(self, frame: Frame, frames: Frames, rule: ObjectSampling, rng: np.random.Generator) -> Frame:
+    def _put_in(
+        self, frame: Frame, frames: Frames, rule: ObjectSampling, rng: np.random.Generator
+    ) -> Frame:
         real = frame.labels.types != "DontCare"
         taken = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[real])
         points, labels = frame.points_velo, [frame.labels]
@@ -141,7 +151,11 @@ class Augmentation:
                 break
             other = int(rng.integers(len(frames)))
             is_hard, pick = rng.random() < rule.hard_share, rng.random()
-            fit = [o for o in self._objects(frames, other) if (len(o.points_velo) <= rule.hard_points) == is_hard]
+            fit = [
+                o
+                for o in self._objects(frames, other)
+                if (len(o.points_velo) <= rule.hard_points) == is_hard
+            ]
             if not fit:
                 continue
             tries -= 1
@@ -150,7 +164,10 @@ class Augmentation:
             rise = ground(one.box_velo[:2]) - one.box_velo[2]
             box = one.box_velo + np.array([0, 0, rise, 0, 0, 0, 0])
             enlarged = np.array([0, 0, 0, 0, rule.gap, rule.gap, 0])
-            if (bev_iou(rectangles_velo(box[None] + enlarged), rectangles_velo(taken + enlarged)) > 0).any():
+            if (
+                bev_iou(rectangles_velo(box[None] + enlarged), rectangles_velo(taken + enlarged))
+                > 0
+            ).any():
                 continue
             cleared = box[None] + np.array([0, 0, 0, HEADROOM, 0, 0, 0])
             own = one.points_velo + np.array([0, 0, rise, 0], dtype=np.float32)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.errors import DataError
+from fl3d.core.errors import DataError
 from fl3d.geometry.boxes import Array, Points, wrap
 
 _SHAPES = {"P2": (3, 4), "R0_rect": (3, 3), "Tr_velo_to_cam": (3, 4)}
@@ -109,7 +109,9 @@ def read_calibration(path: Path) -> Calibration:
         shape = _SHAPES[name]
         values = rest.split()
         if len(values) != shape[0] * shape[1]:
-            raise DataError(f"{name} needs {shape[0] * shape[1]} values, found {len(values)}", path, number)
+            raise DataError(
+                f"{name} needs {shape[0] * shape[1]} values, found {len(values)}", path, number
+            )
         found[name] = np.array([finite(v, name, path, number) for v in values]).reshape(shape)
     missing = [name for name in _SHAPES if name not in found]
     if missing:
@@ -131,7 +133,10 @@ def write_calibration(
     rows |= {"R0_rect": calibration.R0_rect, "Tr_velo_to_cam": calibration.Tr_velo_to_cam}
     rows["Tr_imu_to_velo"] = np.eye(3, 4)
     rows |= others or {}
-    lines = [f"{name}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n" for name, matrix in rows.items()]
+    lines = [
+        f"{name}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n"
+        for name, matrix in rows.items()
+    ]
     path.write_text("".join(lines))
 
 
@@ -153,4 +158,6 @@ def read_lines(path: Path) -> list[str]:
     except FileNotFoundError:
         raise DataError("no such file", path) from None
     except UnicodeDecodeError as error:
-        raise DataError(f"is not a text file ({error.reason} at byte {error.start})", path) from None
+        raise DataError(
+            f"is not a text file ({error.reason} at byte {error.start})", path
+        ) from None

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.core.errors import DataError
 from fl3d.data.kitti import Frame, KittiFolder
-from fl3d.errors import DataError
 from fl3d.geometry.boxes import count_points_inside
 
 
@@ -27,7 +27,9 @@ class TargetRule:
 
     def boxes_velo(self, frame: Frame) -> NDArray[np.float64]:
         """Boxes to train on: (N, 7) ``boxes_velo``."""
-        boxes = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[np.isin(frame.labels.types, self.classes)])
+        boxes = frame.calibration.boxes_to_velo(
+            frame.labels.boxes_cam[np.isin(frame.labels.types, self.classes)]
+        )
         enough = count_points_inside(frame.points_velo, boxes) >= self.min_points
         return boxes[enough]
 
@@ -68,7 +70,9 @@ def frames_with(folder: KittiFolder, ids: Sequence[str], types: Sequence[str]) -
     """
     found = [i for i in ids if np.isin(folder.read_labels(i).types, types).any()]
     if not found:
-        raise DataError(f"no training frame holds a label of type {' or '.join(types)}", folder.root)
+        raise DataError(
+            f"no training frame holds a label of type {' or '.join(types)}", folder.root
+        )
     return found
 
 

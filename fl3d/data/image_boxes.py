@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.core.errors import DataError
 from fl3d.data.calibration import finite, read_lines
-from fl3d.errors import DataError
 
 CLASSES = {"Pedestrian": 1, "Car": 2, "Cyclist": 3}
 FIELDS = ("score", "x1", "y1", "x2", "y2")
@@ -42,12 +42,17 @@ def read_image_boxes(root: Path, name: str = "Car") -> ImageBoxes | None:
             if not fields:
                 continue
             if len(fields) != 7 or fields[1] not in ("1", "2", "3"):
-                raise DataError("a box needs a path, a class 1, 2 or 3, a score and four pixels", path, number)
+                raise DataError(
+                    "a box needs a path, a class 1, 2 or 3, a score and four pixels", path, number
+                )
             if int(fields[1]) == CLASSES[name]:
                 score, *box = (
-                    finite(text, field, path, number) for text, field in zip(fields[2:], FIELDS, strict=True)
+                    finite(text, field, path, number)
+                    for text, field in zip(fields[2:], FIELDS, strict=True)
                 )
                 if not 0 <= score <= 1 or box[0] > box[2] or box[1] > box[3]:
-                    raise DataError("a box needs a score in 0..1, and x1 y1 before x2 y2", path, number)
+                    raise DataError(
+                        "a box needs a score in 0..1, and x1 y1 before x2 y2", path, number
+                    )
                 rows.setdefault(Path(fields[0]).stem, []).append([*box, score])
     return {frame: np.array(boxes) for frame, boxes in rows.items()}

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from fl3d.core.errors import DataError, options
 from fl3d.data.calibration import MEAN, Calibration, read_calibration, read_lines
 from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
 from fl3d.data.labels import Labels, read_labels
-from fl3d.errors import DataError, options
 
 IMAGE_SIZE = (1242, 375)  # pixels; where a frame has no picture
 _CLOUD_SAMPLE = 4096  # bytes at either end of a cloud that enter the digest
@@ -61,7 +61,9 @@ class KittiFolder:
             (calibration, ("frame", "mean"), "calibration"),
         ):
             if value not in possible:
-                raise DataError(f"data.{key}: no choice '{value}'. {options(value, possible)}", root)
+                raise DataError(
+                    f"data.{key}: no choice '{value}'. {options(value, possible)}", root
+                )
         self.root = root
         self.crop = crop
         self.calibration = calibration
@@ -101,7 +103,9 @@ class KittiFolder:
         points = read_cloud(self.path("velodyne", frame_id))
         if self.crop == "image":
             points = points[calibration.in_image(points, size)]
-        found = None if self.image_boxes is None else self.image_boxes.get(frame_id, np.zeros((0, 5)))
+        found = (
+            None if self.image_boxes is None else self.image_boxes.get(frame_id, np.zeros((0, 5)))
+        )
         return Frame(frame_id, points, calibration, self.read_labels(frame_id), size, found)
 
     @cached_property
@@ -115,7 +119,9 @@ class KittiFolder:
 
     def read_calibration(self, frame_id: str) -> Calibration:
         """Calibration of one frame, or the mean one."""
-        return MEAN if self.calibration == "mean" else read_calibration(self.path("calib", frame_id))
+        return (
+            MEAN if self.calibration == "mean" else read_calibration(self.path("calib", frame_id))
+        )
 
     def image_size(self, frame_id: str) -> tuple[int, int]:
         """(width, height) of the frame's picture, or KITTI's usual size where there is none."""
@@ -131,7 +137,9 @@ class KittiFolder:
             return None
         digest = hashlib.sha256()
         for frame_id in frame_ids:
-            digest.update(frame_id.encode() + self.image_boxes.get(frame_id, np.zeros((0, 5))).tobytes())
+            digest.update(
+                frame_id.encode() + self.image_boxes.get(frame_id, np.zeros((0, 5))).tobytes()
+            )
         return digest.hexdigest()[:16]
 
     def digest(self, frame_ids: Iterable[str]) -> str:
@@ -167,7 +175,9 @@ def read_cloud(path: Path) -> NDArray[np.float32]:
     """
     raw = _read_bytes(path)
     if len(raw) % 16:
-        raise DataError(f"{len(raw)} bytes are not a whole number of points of 16 bytes; cut off?", path)
+        raise DataError(
+            f"{len(raw)} bytes are not a whole number of points of 16 bytes; cut off?", path
+        )
     points: NDArray[np.float32] = np.frombuffer(raw, dtype="<f4").reshape(-1, 4)
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():

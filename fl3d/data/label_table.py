@@ -11,9 +11,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.core.errors import DataError
 from fl3d.data.calibration import finite
 from fl3d.data.labels import FIELDS, TYPES, Labels
-from fl3d.errors import DataError
 
 NAMES = tuple(name.lower() for name in TYPES)
 OTHER = len(NAMES)  # any other type; such objects do not exist for the evaluator
@@ -71,7 +71,9 @@ def table_from_labels(frames: Sequence[Labels]) -> LabelTable:
 def _columns(frame: Labels) -> NDArray[np.float64]:
     scores = np.zeros(len(frame)) if frame.scores is None else frame.scores
     box = frame.boxes_cam[:, [3, 4, 5, 0, 1, 2, 6]]
-    return np.column_stack([frame.truncated, frame.occluded, frame.alpha, frame.boxes_image, box, scores])
+    return np.column_stack(
+        [frame.truncated, frame.occluded, frame.alpha, frame.boxes_image, box, scores]
+    )
 
 
 def read_table(folder: Path, ids: Sequence[str], scored: bool) -> LabelTable:
@@ -98,8 +100,17 @@ def read_table(folder: Path, ids: Sequence[str], scored: bool) -> LabelTable:
     short, slow, offsets, names, values = _parse(buffer, ends, n_lines, fields)
     slow = slow[slow[:, 2] < len(values)]  # not those of a line that is cut short
     if not _fill_slow(buffer, slow, values):
-        for start, end, row, field, frame, line in slow.tolist():  # most likely one is no number: say which
-            values[row, field - 1] = finite(raw[start:end].decode("latin-1"), FIELDS[field], path(frame), line)
+        for (
+            start,
+            end,
+            row,
+            field,
+            frame,
+            line,
+        ) in slow.tolist():  # most likely one is no number: say which
+            values[row, field - 1] = finite(
+                raw[start:end].decode("latin-1"), FIELDS[field], path(frame), line
+            )
     if short[0] >= 0:
         frame, line, found = short.tolist()
         raise DataError(f"{fields} fields expected, found {found}", path(frame), line)
@@ -133,7 +144,9 @@ def _codes(raw: bytes, names: NDArray[np.int64]) -> NDArray[np.int64]:
     return codes
 
 
-def _fill_slow(buffer: NDArray[np.uint8], slow: NDArray[np.int64], values: NDArray[np.float64]) -> bool:
+def _fill_slow(
+    buffer: NDArray[np.uint8], slow: NDArray[np.int64], values: NDArray[np.float64]
+) -> bool:
     """Read the fields left by ``_parse`` with NumPy's own reader; False where one is no finite number."""
     if not len(slow):
         return True
@@ -149,7 +162,9 @@ def _fill_slow(buffer: NDArray[np.uint8], slow: NDArray[np.int64], values: NDArr
 
 
 @numba.njit(cache=True)
-def _gather(buffer: NDArray[np.uint8], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.uint8]:
+def _gather(
+    buffer: NDArray[np.uint8], starts: NDArray[np.int64], ends: NDArray[np.int64]
+) -> NDArray[np.uint8]:
     """Texts of equal width, filled up with zeros."""
     texts = np.zeros((len(starts), (ends - starts).max()), dtype=np.uint8)
     for i in range(len(starts)):
@@ -191,7 +206,9 @@ def _decimal(buffer: NDArray[np.uint8], start: int, end: int) -> tuple[float, bo
 @numba.njit(cache=True)
 def _parse(
     buffer: NDArray[np.uint8], ends: NDArray[np.int64], n_lines: int, fields: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+) -> tuple[
+    NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]
+]:
     """Split all files into lines and fields.
 
     Returns:

@@ -9,14 +9,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.core.errors import DataError
 from fl3d.data.calibration import finite, read_lines
-from fl3d.errors import DataError
 
 FIELDS = (
     *("type", "truncated", "occluded", "alpha", "x1", "y1", "x2", "y2"),
     *("height", "width", "length", "x", "y", "z", "rotation_y", "score"),
 )
-TYPES = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc", "DontCare")
+TYPES = (
+    "Car",
+    "Van",
+    "Truck",
+    "Pedestrian",
+    "Person_sitting",
+    "Cyclist",
+    "Tram",
+    "Misc",
+    "DontCare",
+)
 
 
 @dataclass(frozen=True)
@@ -94,7 +104,9 @@ def read_labels(path: Path, scored: bool = False) -> Labels:
         if len(fields) < wanted:
             raise DataError(f"{wanted} fields expected, found {len(fields)}", path, number)
         types.append(fields[0])
-        rows.append([finite(f, FIELDS[i], path, number) for i, f in enumerate(fields[1:wanted], start=1)])
+        rows.append(
+            [finite(f, FIELDS[i], path, number) for i, f in enumerate(fields[1:wanted], start=1)]
+        )
         lines.append(number)
     values = np.array(rows, dtype=np.float64).reshape(len(rows), wanted - 1)
     labels = labels_from_columns(types, values, scored)
@@ -113,7 +125,9 @@ def _check(labels: Labels, lines: list[int], path: Path) -> None:
     )
     for field, must, wrong in rules:
         if (wrong & real).any():
-            raise DataError(f"field '{field}' must {must}", path, lines[int(np.argmax(wrong & real))])
+            raise DataError(
+                f"field '{field}' must {must}", path, lines[int(np.argmax(wrong & real))]
+            )
 
 
 def write_labels(path: Path, labels: Labels) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from fl3d.core.errors import DataError
 from fl3d.data.calibration import finite, read_lines
 from fl3d.data.kitti import Frame, KittiFolder
-from fl3d.errors import DataError
 from fl3d.geometry.boxes import Array, Points
 
 ROADS = ("fitted", "planes")
@@ -60,9 +60,13 @@ def read_plane(path: Path) -> tuple[Array, float]:
         DataError: there is no such file, or its last line is something else.
     """
     lines = [line for line in read_lines(path) if line.strip()]
-    values = [finite(text, "plane", path, len(lines)) for text in (lines[-1].split() if lines else [])]
+    values = [
+        finite(text, "plane", path, len(lines)) for text in (lines[-1].split() if lines else [])
+    ]
     if len(values) != 4 or values[1] == 0:
-        raise DataError(f"a plane needs four numbers, the second not 0, found {len(values)}", path, len(lines))
+        raise DataError(
+            f"a plane needs four numbers, the second not 0, found {len(values)}", path, len(lines)
+        )
     return np.array(values[:3]), values[3]
 
 

@@ -62,7 +62,9 @@ class Voxels:
     lengths: Int
 
 
-def voxelize(points_velo: NDArray[np.float32], grid: Grid, max_points: int, order: Int | None = None) -> Voxels:
+def voxelize(
+    points_velo: NDArray[np.float32], grid: Grid, max_points: int, order: Int | None = None
+) -> Voxels:
     """Group points by voxel.
 
     Args:
@@ -151,7 +153,11 @@ def _sorted(keys: Int, shape: tuple[int, int, int]) -> tuple[Int, Int]:
     cells, rank = np.empty((n, 3), dtype=np.int64), np.empty(n, dtype=np.int64)
     for place in range(n):
         key = keys[order[place]]
-        cells[place, 0], cells[place, 1], cells[place, 2] = key // nx // ny, key // nx % ny, key % nx
+        cells[place, 0], cells[place, 1], cells[place, 2] = (
+            key // nx // ny,
+            key // nx % ny,
+            key % nx,
+        )
         rank[order[place]] = place
     return cells, rank
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.errors import ConfigError, options
+from fl3d.core.errors import ConfigError, options
 from fl3d.geometry.boxes import Array, rectangles_velo, standup
 from fl3d.geometry.iou import bev_iou, image_iou
 
@@ -47,7 +47,9 @@ class Anchors:
     def __post_init__(self) -> None:
         for key, value, possible in (("grid", self.grid, GRIDS), ("iou", self.iou, IOUS)):
             if value not in possible:
-                raise ConfigError(f"detector.anchors.{key}: no choice '{value}'. {options(value, possible)}")
+                raise ConfigError(
+                    f"detector.anchors.{key}: no choice '{value}'. {options(value, possible)}"
+                )
         if self.iou == "rotated" and self.iou_plus_one:
             raise ConfigError("detector.anchors.iou_plus_one needs iou=standup")
 
@@ -82,10 +84,14 @@ class Anchors:
         (x1, y1, x2, y2) = hull[0]
         near = np.flatnonzero((low_x < x2) & (high_x > x1) & (low_y < y2) & (high_y > y1))
         if self.iou == "rotated":
-            return near, bev_iou(rectangles_velo(self.boxes_velo[near]), rectangles_velo(box[None]))[:, 0]
+            return near, bev_iou(
+                rectangles_velo(self.boxes_velo[near]), rectangles_velo(box[None])
+            )[:, 0]
         return near, image_iou(self._hulls[near], hull)[:, 0]
 
-    def assign(self, boxes: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    def assign(
+        self, boxes: Array
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
         """Match anchors to objects.
 
         Args:
@@ -95,7 +101,11 @@ class Anchors:
             positive anchors (P,), the object of each (P,), and which anchors are negative (A,).
         """
         count = len(self.boxes_velo)
-        best, owner, positive = np.zeros(count), np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+        best, owner, positive = (
+            np.zeros(count),
+            np.zeros(count, dtype=np.int64),
+            np.zeros(count, dtype=bool),
+        )
         tops = []
         for n, box in enumerate(boxes):
             near, overlap = self.overlaps(box)

@@ -12,8 +12,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from fl3d.core.errors import ConfigError
 from fl3d.data.kitti import Frame
-from fl3d.errors import ConfigError
 
 Sample = dict[str, NDArray[np.generic]]
 Batch = dict[str, Any]  # tensors, and what else moves between devices by ``to``
@@ -60,7 +60,7 @@ class Detector(nn.Module, ABC):
     DENSE: ClassVar[tuple[str, ...]] = ()
 
     def train(self, mode: bool = True) -> Self:
-        """As ever, but parts that are frozen, of an earlier stage, stay as they are used."""
+        """Set the mode; frozen parts, of an earlier stage, stay in evaluation mode."""
         super().train(mode)
         for part in self.children():
             parameters = list(part.parameters())
@@ -101,8 +101,12 @@ class Detector(nn.Module, ABC):
             ConfigError: there is nothing to compile, or it is computed sparse.
         """
         if not self.DENSE or getattr(self, "compute", None) != "dense":
-            raise ConfigError(f"compile: {self.NAME} has no dense layers to compile; try detector.compute=dense")
-        for name in self.DENSE:  # the forward of each, for a Sequential's own compile() does nothing
+            raise ConfigError(
+                f"compile: {self.NAME} has no dense layers to compile; try detector.compute=dense"
+            )
+        for (
+            name
+        ) in self.DENSE:  # the forward of each, for a Sequential's own compile() does nothing
             module = self.get_submodule(name)
             module.forward = torch.compile(module.forward, dynamic=False)
 

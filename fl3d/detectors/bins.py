@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from fl3d.errors import ConfigError
+from fl3d.core.errors import ConfigError
 
 YAW, SIZE = 6, slice(3, 6)
 
@@ -41,7 +41,9 @@ class BinCode:
 
     def __post_init__(self) -> None:
         if not 0 < self.bin <= self.search:
-            raise ConfigError(f"detector: bins of {self.bin} m do not fit a search range of {self.search} m")
+            raise ConfigError(
+                f"detector: bins of {self.bin} m do not fit a search range of {self.search} m"
+            )
 
     @property
     def bins(self) -> int:
@@ -93,7 +95,9 @@ class BinCode:
             turn = (chosen + 0.5) * step + _pick(ryaw, chosen) * (step / 2) - self.yaw_range / 2
         turn = torch.remainder(turn + pi, 2 * pi) - pi
         mean = outputs.new_tensor(self.size)
-        return torch.cat([torch.stack([*columns, z[:, 0]], dim=1), size * mean + mean, turn[:, None]], dim=1)
+        return torch.cat(
+            [torch.stack([*columns, z[:, 0]], dim=1), size * mean + mean, turn[:, None]], dim=1
+        )
 
     @property
     def _is_full(self) -> bool:

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from fl3d.errors import ConfigError, options
+from fl3d.core.errors import ConfigError, options
 from fl3d.sparse.layers import ReLU
 
 COMPUTE = ("sparse", "dense")
@@ -74,7 +74,7 @@ def scatter_dense(values: Tensor, cells: Tensor, shape: tuple[int, ...]) -> Tens
     size = int(np.prod(shape))
     dense = values.new_zeros(size, values.shape[1]).index_copy(0, flat, values)
     # Contiguous: on channels-last maps that are nearly constant, torch's CPU batch normalisation loses three digits. (A
-    # grid of one channel is contiguous in both orders; torch goes on with channels last, twice as fast.)
+    # grid of one channel is contiguous in both orders; torch continues with channels last, twice as fast.)
     return dense.view(*shape, -1).movedim(-1, 1).contiguous()
 
 
@@ -85,7 +85,10 @@ def join(arrays: list[NDArray[np.generic]]) -> Tensor:
 
 def join_ragged(arrays: list[NDArray[np.generic]]) -> Tensor:
     """Concatenate index rows of unequal number, with the sample's number put in front: (N, D) -> (sum N, 1 + D)."""
-    rows = [np.concatenate([np.full((len(a), 1), i, dtype=a.dtype), a], axis=1) for i, a in enumerate(arrays)]
+    rows = [
+        np.concatenate([np.full((len(a), 1), i, dtype=a.dtype), a], axis=1)
+        for i, a in enumerate(arrays)
+    ]
     return torch.from_numpy(np.concatenate(rows))
 
 

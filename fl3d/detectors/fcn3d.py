@@ -93,7 +93,11 @@ class FCN3D(Detector):
         widths = pairwise([1, *channels])
         self.body = nn.Sequential(
             *(
-                conv_block(Conv3d(c_in, c_out, k, s, padding=k // 2, bias=False), BatchNorm3d(c_out), norm_order)
+                conv_block(
+                    Conv3d(c_in, c_out, k, s, padding=k // 2, bias=False),
+                    BatchNorm3d(c_out),
+                    norm_order,
+                )
                 for (c_in, c_out), k, s in zip(widths, KERNELS, STRIDES, strict=True)
             )
         )
@@ -121,7 +125,9 @@ class FCN3D(Detector):
             sample["cells"], sample["corners"] = self.assign(self.targets.boxes_velo(frame))
         return sample
 
-    def assign(self, boxes_velo: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    def assign(
+        self, boxes_velo: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Positive cells (N, 3) z, y, x and their 24 targets: corners minus the cell's origin.
 
         Objects whose centre is out of range have no cell; of two centres in one cell the nearer object stays.
@@ -157,7 +163,9 @@ class FCN3D(Detector):
         if "layout" in batch:
             features = self.body(BackgroundMap.from_voxels(ones, batch["layout"]))
         else:
-            features = self.body(scatter_dense(ones, occupied, (int(batch["size"]), *self.grid.shape)))
+            features = self.body(
+                scatter_dense(ones, occupied, (int(batch["size"]), *self.grid.shape))
+            )
         features = features.to(ones.dtype)
         with unlowered(ones):  # scores of three digits would tie
             return dense(self.obj(features))[:, 0], dense(self.cor(features)).movedim(1, -1)
@@ -167,7 +175,10 @@ class FCN3D(Detector):
         logits, corners = self(batch)
         b, z, y, x = batch["cells"].unbind(1)
         terms = self.detection_loss.classification(*self._split(logits, batch))
-        return {**terms, "reg": self.detection_loss.localization(corners[b, z, y, x], batch["corners"])}
+        return {
+            **terms,
+            "reg": self.detection_loss.localization(corners[b, z, y, x], batch["corners"]),
+        }
 
     def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Logits of cells with an object's centre, and of all others."""

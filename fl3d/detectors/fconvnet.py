@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from fl3d.core.errors import DataError
 from fl3d.data.kitti import Frame
 from fl3d.detectors.base import Batch, Detector, Found, Sample
 from fl3d.detectors.frustum_net import FrustumNet
@@ -20,7 +21,6 @@ from fl3d.detectors.frustum_samples import ACROSS, BoxView, FrustumView, Jitter,
 from fl3d.detectors.frustums import by_frame, label_places, suppressed
 from fl3d.detectors.multibin import MultiBin
 from fl3d.detectors.regions import centered, turned_back
-from fl3d.errors import DataError
 from fl3d.geometry.boxes import points_inside
 from fl3d.losses import BalancedFocalLoss
 from fl3d.points.slabs import resolutions
@@ -84,7 +84,9 @@ class FConvNet(Detector):
         if refine is not None:
             self.second, self.second_view = refine, BoxView.of(refine, nearest)
             own = resolutions(refine["slabs"])
-            self.refine = FrustumNet(own, refine["reach"], refine["blocks"], refine["up"], self.code)
+            self.refine = FrustumNet(
+                own, refine["reach"], refine["blocks"], refine["up"], self.code
+            )
             self.frustum.requires_grad_(False)
 
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
@@ -92,7 +94,10 @@ class FConvNet(Detector):
         if training:
             return self._encode_objects(frame, rng)
         if frame.image_boxes is None:
-            raise DataError("Frustum ConvNet needs 2D boxes, in rgb_detection_train.txt and _val.txt", "rgb_detections")
+            raise DataError(
+                "Frustum ConvNet needs 2D boxes, in rgb_detection_train.txt and _val.txt",
+                "rgb_detections",
+            )
         sample = self.view.look(frame, frame.image_boxes, rng)
         if self.refine is not None:  # stage one's boxes choose among all points
             cloud = cloud_velo(frame, self.nearest)
@@ -103,7 +108,10 @@ class FConvNet(Detector):
         """As many of a frame's objects as are drawn, some of them more than once."""
         cars = frame.labels.types == "Car"
         if self.refine is None:
-            cars &= frame.labels.boxes_image[:, 3] - frame.labels.boxes_image[:, 1] >= LEAST_TRAIN_HEIGHT
+            cars &= (
+                frame.labels.boxes_image[:, 3] - frame.labels.boxes_image[:, 1]
+                >= LEAST_TRAIN_HEIGHT
+            )
         objects = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[cars])
         held = points_inside(frame.points_velo, objects).any(axis=1)
         objects, boxes_image = objects[held], frame.labels.boxes_image[cars][held]
@@ -134,7 +142,9 @@ class FConvNet(Detector):
         if not len(batch["points"]):
             return {}  # frames without a car: nothing to learn
         logits, codes, places, labels = self._labelled(batch)
-        terms = self.point_loss.classification(logits[labels == 1].float(), logits[labels == 0].float())
+        terms = self.point_loss.classification(
+            logits[labels == 1].float(), logits[labels == 0].float()
+        )
         own = batch["boxes"][:, None].expand(-1, labels.shape[1], -1)[labels == 1].clone()
         own[:, :3] -= places[labels == 1]
         return terms | self.code.loss(codes[labels == 1].float(), centered(own))
@@ -150,7 +160,9 @@ class FConvNet(Detector):
     def _labelled(self, batch: Batch) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Logits, codes, reference points, and what these are: 1 positive, 0 negative, -1 neither."""
         network, ratio = self.frustum, self.label_ratio
-        slope = batch["slope"] if "slope" in batch else batch["points"].new_zeros(len(batch["points"]))
+        slope = (
+            batch["slope"] if "slope" in batch else batch["points"].new_zeros(len(batch["points"]))
+        )
         if self.refine is not None:
             network, ratio = self.refine, self.second["label_ratio"]
         logits, codes = network(batch["points"], slope)
@@ -166,15 +178,24 @@ class FConvNet(Detector):
             boxes, p, frustum = self._find(self.frustum, batch["points"], batch["slope"])
             scores = (p + batch["image_scores"].double()[frustum]) / 2
             boxes = turned_back(boxes, batch["angle"][frustum], batch["origin"][frustum])
-            frames = torch.repeat_interleave(torch.arange(len(counts), device=boxes.device), batch["counts"])[frustum]
+            frames = torch.repeat_interleave(
+                torch.arange(len(counts), device=boxes.device), batch["counts"]
+            )[frustum]
             limits = (max_boxes, min_score) if self.refine is None else (len(scores), 0.0)
-            found = by_frame(boxes, scores, batch["boxes_image"][frustum], frames, len(counts), *limits)
+            found = by_frame(
+                boxes, scores, batch["boxes_image"][frustum], frames, len(counts), *limits
+            )
         if self.refine is None:
             return found
         clouds = torch.split(batch["cloud"], batch["cloud_sizes"].tolist())
-        return [self._refined(one, cloud, max_boxes, min_score) for one, cloud in zip(found, clouds, strict=True)]
+        return [
+            self._refined(one, cloud, max_boxes, min_score)
+            for one, cloud in zip(found, clouds, strict=True)
+        ]
 
-    def _find(self, network: FrustumNet, points: Tensor, slope: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def _find(
+        self, network: FrustumNet, points: Tensor, slope: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """Centred boxes in the frustums' frames, their posteriors, and which frustum each is of."""
         logits, codes = network(points, slope)
         p = torch.sigmoid(logits.double())
@@ -201,8 +222,13 @@ class FConvNet(Detector):
         boxes = turned_back(boxes, seen[:, 6] + ACROSS, centered(seen)[:, :3])
         assert best.boxes_image is not None
         boxes_image = torch.from_numpy(best.boxes_image[chosen])
-        return by_frame(boxes, scores, boxes_image, torch.zeros_like(frustum), 1, max_boxes, min_score)[0]
+        return by_frame(
+            boxes, scores, boxes_image, torch.zeros_like(frustum), 1, max_boxes, min_score
+        )[0]
 
     def example(self) -> Batch:
         """A frame of as many frustums as in training."""
-        return {"points": torch.zeros(self.n_frustums, self.n_points, 3), "slope": torch.zeros(self.n_frustums)}
+        return {
+            "points": torch.zeros(self.n_frustums, self.n_points, 3),
+            "slope": torch.zeros(self.n_frustums),
+        }

@@ -42,7 +42,9 @@ def layer_works(make: Callable[[], Detector]) -> list[LayerWork]:
     """
     with torch.device("meta"):
         detector = make()
-    names: dict[nn.Module, str] = {m: name for name, m in detector.named_modules() if isinstance(m, LAYERS)}
+    names: dict[nn.Module, str] = {
+        m: name for name, m in detector.named_modules() if isinstance(m, LAYERS)
+    }
     shapes: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {}
 
     def note(module: nn.Module, inputs: tuple[Any, ...], output: Tensor) -> None:
@@ -50,13 +52,17 @@ def layer_works(make: Callable[[], Detector]) -> list[LayerWork]:
 
     for module in names:
         module.register_forward_hook(note)
-    batch = {key: value if key == "size" else value.to("meta") for key, value in detector.example().items()}
+    batch = {
+        key: value if key == "size" else value.to("meta")
+        for key, value in detector.example().items()
+    }
     with FlopCounterMode(display=False, depth=100) as counter, torch.no_grad():
         detector(batch)
     counts, root = counter.get_flop_counts(), type(detector).__name__
     modules = {name: module for module, name in names.items()}
     return [
-        LayerWork(name, modules[name], *shape, sum(counts[f"{root}.{name}"].values())) for name, shape in shapes.items()
+        LayerWork(name, modules[name], *shape, sum(counts[f"{root}.{name}"].values()))
+        for name, shape in shapes.items()
     ]
 
 

@@ -32,7 +32,12 @@ class FrustumNet(nn.Module):
     """
 
     def __init__(
-        self, slabs: Sequence[Slabs], reach: tuple[float, float], widths: Sequence[int], up: int, code: MultiBin
+        self,
+        slabs: Sequence[Slabs],
+        reach: tuple[float, float],
+        widths: Sequence[int],
+        up: int,
+        code: MultiBin,
     ) -> None:
         super().__init__()
         self.slabs, self.reach = slabs, reach
@@ -41,7 +46,9 @@ class FrustumNet(nn.Module):
         self.blocks, self.merges, self.raised = nn.ModuleList(), nn.ModuleList(), nn.ModuleList()
         c_in = seen[0]
         for i, ((kernel, stride), width) in enumerate(zip(KERNELS, widths, strict=True)):
-            layers = [conv(c_in, width, kernel, stride, 1)] + ([conv(width, width, 3, 1, 1)] if i else [])
+            layers = [conv(c_in, width, kernel, stride, 1)] + (
+                [conv(width, width, 3, 1, 1)] if i else []
+            )
             self.blocks.append(nn.Sequential(*layers))
             if i:
                 self.merges.append(conv(width + seen[i], width, 1, 1, 0))
@@ -72,7 +79,9 @@ class FrustumNet(nn.Module):
             kind[:, 0] = 1  # a car
             seen.append(torch.cat([features, kind], dim=1))
         x, raised, length = self.blocks[0](seen[0]), [], seen[1].shape[2]
-        for block, merge, raise_, own in zip(self.blocks[1:], self.merges, self.raised, seen[1:], strict=True):
+        for block, merge, raise_, own in zip(
+            self.blocks[1:], self.merges, self.raised, seen[1:], strict=True
+        ):
             x = merge(torch.cat([_fit(block(x), own.shape[2]), own], dim=1))
             raised.append(_fit(raise_(x), length))
         features = torch.cat(raised, dim=1)
@@ -82,4 +91,6 @@ class FrustumNet(nn.Module):
 
 def _fit(x: Tensor, length: int) -> Tensor:
     """Cut a sequence, or fill it with zeros: (K, C, *) -> (K, C, length)."""
-    return x[..., :length] if x.shape[2] >= length else nn.functional.pad(x, (0, length - x.shape[2]))
+    return (
+        x[..., :length] if x.shape[2] >= length else nn.functional.pad(x, (0, length - x.shape[2]))
+    )

@@ -81,7 +81,9 @@ class FrustumView:
     points: int
     jitter: Jitter
 
-    def learn(self, frame: Frame, boxes_image: Array, objects: Array, rng: np.random.Generator) -> Sample:
+    def learn(
+        self, frame: Frame, boxes_image: Array, objects: Array, rng: np.random.Generator
+    ) -> Sample:
         """Training samples: (N, 4) 2D boxes, (N, 7) ``boxes_velo`` of their objects."""
         boxes_image = jittered(boxes_image, self.jitter.shift, self.jitter.size, rng)
         rows, boxes, kept = [], [], []
@@ -127,10 +129,14 @@ class _Seen:
         width, height = frame.image_size
         self.boxes = np.clip(boxes_image, 0, np.array([width - 1, height - 1] * 2))
         points_velo = cloud_velo(frame, nearest).astype(np.float64)
-        pixels, depth = frame.calibration.points_to_image(frame.calibration.points_to_cam(points_velo))
+        pixels, depth = frame.calibration.points_to_image(
+            frame.calibration.points_to_cam(points_velo)
+        )
         self._points_velo = points_velo[depth > 0]
         self._columns, self._rows = np.ascontiguousarray(pixels[depth > 0].T)
-        self.origin, directions = rays(frame.calibration, (self.boxes[:, :2] + self.boxes[:, 2:]) / 2)
+        self.origin, directions = rays(
+            frame.calibration, (self.boxes[:, :2] + self.boxes[:, 2:]) / 2
+        )
         self.angle = np.arctan2(directions[:, 1], directions[:, 0])
         self.slope = directions[:, 2] / np.hypot(directions[:, 0], directions[:, 1])
 

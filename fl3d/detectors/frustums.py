@@ -21,7 +21,9 @@ def rays(calibration: Calibration, pixels: Array) -> tuple[Array, Array]:
     """Where the camera stands, and where it looks through pixels: (N, 2) -> (3,), (N, 3), LiDAR frame."""
     inverse = np.linalg.inv(calibration.P2[:, :3])
     origin = calibration.points_to_velo((-inverse @ calibration.P2[:, 3])[None])
-    ends_cam = np.column_stack([pixels, np.ones(len(pixels))]) @ inverse.T - inverse @ calibration.P2[:, 3]
+    ends_cam = (
+        np.column_stack([pixels, np.ones(len(pixels))]) @ inverse.T - inverse @ calibration.P2[:, 3]
+    )
     return origin[0], calibration.points_to_velo(ends_cam) - origin
 
 
@@ -47,7 +49,11 @@ def turned(points: Array, angle: float) -> Array:
     """Points turned about the vertical: (N, 3) -> (N, 3)."""
     cos, sin = np.cos(angle), np.sin(angle)
     return np.column_stack(
-        [points[:, 0] * cos - points[:, 1] * sin, points[:, 0] * sin + points[:, 1] * cos, points[:, 2]]
+        [
+            points[:, 0] * cos - points[:, 1] * sin,
+            points[:, 0] * sin + points[:, 1] * cos,
+            points[:, 2],
+        ]
     )
 
 
@@ -80,7 +86,8 @@ def label_places(places: Tensor, boxes: Tensor, ratio: tuple[float, float]) -> T
     off = places - centered(boxes)[:, None, :3]
     cos, sin = boxes[:, 6, None].cos(), boxes[:, 6, None].sin()
     own = torch.stack(
-        [off[..., 0] * cos + off[..., 1] * sin, off[..., 1] * cos - off[..., 0] * sin, off[..., 2]], dim=-1
+        [off[..., 0] * cos + off[..., 1] * sin, off[..., 1] * cos - off[..., 0] * sin, off[..., 2]],
+        dim=-1,
     )
     share = (own.abs() / (boxes[:, None, [5, 4, 3]] / 2)).amax(dim=-1)
     labels = torch.where(share <= ratio[0], 1, torch.where(share <= ratio[1], -1, 0))
@@ -100,7 +107,11 @@ def by_frame(
     min_score: float,
 ) -> list[Found]:
     """Boxes of each frame, best first: (N, 7) ``boxes_velo``, (N,), (N, 4), (N,) -> one ``Found`` a frame."""
-    rows, values, owner = boxes.double().cpu().numpy(), scores.double().cpu().numpy(), frames.cpu().numpy()
+    rows, values, owner = (
+        boxes.double().cpu().numpy(),
+        scores.double().cpu().numpy(),
+        frames.cpu().numpy(),
+    )
     images = boxes_image.double().cpu().numpy()
     rows[:, 6] = wrap(rows[:, 6])
     found = []
@@ -115,5 +126,11 @@ def by_frame(
 def suppressed(found: Found, count: int) -> Found:
     """The best boxes of a frame that do not overlap a better one."""
     boxes_velo = found.boxes_velo
-    kept = nms(rectangles_velo(boxes_velo), found.scores, SUPPRESSED, "3d", count, spans_velo(boxes_velo))
-    return Found(boxes_velo[kept], found.scores[kept], None if found.boxes_image is None else found.boxes_image[kept])
+    kept = nms(
+        rectangles_velo(boxes_velo), found.scores, SUPPRESSED, "3d", count, spans_velo(boxes_velo)
+    )
+    return Found(
+        boxes_velo[kept],
+        found.scores[kept],
+        None if found.boxes_image is None else found.boxes_image[kept],
+    )

@@ -59,7 +59,8 @@ class MultiBin:
         return {
             "reg_center": _huber(off, CENTER_HUBER),
             "reg_yaw": turn + self.weights["yaw"] * F.smooth_l1_loss(own_rest, rest),
-            "reg_size": F.cross_entropy(size, classes) + self.weights["size"] * _huber(stretch, 1.0),
+            "reg_size": F.cross_entropy(size, classes)
+            + self.weights["size"] * _huber(stretch, 1.0),
             "reg_corner": self.weights["corner"] * _huber(corner_distance(decoded, boxes), 1.0),
         }
 
@@ -94,8 +95,12 @@ def corner_distance(boxes: Tensor, others: Tensor) -> Tensor:
 
 def _corners(boxes: Tensor) -> Tensor:
     """(N, 7) with centres -> (N, 8, 3)."""
-    signs = boxes.new_tensor([(a, b, c) for a in (-0.5, 0.5) for b in (-0.5, 0.5) for c in (-0.5, 0.5)])
-    along, across, up = (boxes[:, place, None] * signs[:, axis] for place, axis in ((5, 0), (4, 1), (3, 2)))
+    signs = boxes.new_tensor(
+        [(a, b, c) for a in (-0.5, 0.5) for b in (-0.5, 0.5) for c in (-0.5, 0.5)]
+    )
+    along, across, up = (
+        boxes[:, place, None] * signs[:, axis] for place, axis in ((5, 0), (4, 1), (3, 2))
+    )
     cos, sin = boxes[:, 6:].cos(), boxes[:, 6:].sin()
     offsets = torch.stack([along * cos - across * sin, along * sin + across * cos, up], dim=-1)
     return boxes[:, None, :3] + offsets

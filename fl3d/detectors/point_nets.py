@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from fl3d.core.errors import ConfigError, options
 from fl3d.detectors.bins import BinCode
 from fl3d.detectors.rois import RoiRule
-from fl3d.errors import ConfigError, options
 from fl3d.points.network import Backbone, Level, PointMLP, SetAbstraction
 
 CLASSIFICATIONS = ("bce", "focal")
@@ -62,7 +62,9 @@ class Refinement:
     def __post_init__(self) -> None:
         if self.classification not in CLASSIFICATIONS:
             told = options(self.classification, CLASSIFICATIONS)
-            raise ConfigError(f"detector.rcnn.classification: no choice '{self.classification}'. {told}")
+            raise ConfigError(
+                f"detector.rcnn.classification: no choice '{self.classification}'. {told}"
+            )
 
 
 class RPN(nn.Module):

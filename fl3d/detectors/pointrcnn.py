@@ -75,7 +75,9 @@ class PointRCNN(Detector):
     ) -> None:
         super().__init__()
         self.point_loss = loss
-        self.grid = Grid(range_velo, [a - b for a, b in zip(range_velo[3:], range_velo[:3], strict=True)])
+        self.grid = Grid(
+            range_velo, [a - b for a, b in zip(range_velo[3:], range_velo[:3], strict=True)]
+        )
         self.n_points, self.far, self.margin, self.targets = points, far, margin, targets
         self.rules = {True: ProposalRule(**train), False: ProposalRule(**test)}
         self.code = BinCode(rpn["search"], rpn["bin"], int(rpn["yaw_bins"]), 2 * pi, size)
@@ -85,9 +87,14 @@ class PointRCNN(Detector):
         nn.init.constant_(last_layer(self.rpn.score).bias, -log((1 - PRIOR) / PRIOR))
         self.rcnn: RCNN | None = None
         if rcnn is not None:
-            own = {"levels": [Level(**level) for level in rcnn["levels"]], "rois": RoiRule(**rcnn["rois"])}
+            own = {
+                "levels": [Level(**level) for level in rcnn["levels"]],
+                "rois": RoiRule(**rcnn["rois"]),
+            }
             self.second = Refinement(**{**rcnn, **own})
-            self.roi_code = BinCode(self.second.search, self.second.bin, self.second.yaw_bins, pi / 2, size)
+            self.roi_code = BinCode(
+                self.second.search, self.second.bin, self.second.yaw_bins, pi / 2, size
+            )
             self.rcnn = RCNN(self.second, backbone.c_out, self.roi_code)
             initialise(self.rcnn, nn.init.xavier_normal_)
             self.rpn.requires_grad_(False)
@@ -95,7 +102,11 @@ class PointRCNN(Detector):
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
         """Sampled points; for training, what each belongs to, and the objects."""
         points = frame.points_velo[self.grid.inside(frame.points_velo), :3]
-        points = points[self._sample(points, rng)] if len(points) else np.zeros((self.n_points, 3), np.float32)
+        points = (
+            points[self._sample(points, rng)]
+            if len(points)
+            else np.zeros((self.n_points, 3), np.float32)
+        )
         sample: Sample = {"points": points}
         if training:
             objects = self.targets.boxes_velo(frame)
@@ -106,7 +117,9 @@ class PointRCNN(Detector):
             sample["own"] = objects[owner[owner >= 0]].astype(np.float32)
         return sample
 
-    def _sample(self, points: Points, rng: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    def _sample(
+        self, points: Points, rng: np.random.Generator
+    ) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
         """Indices of exactly ``points`` of them, far ones first, in random order; copies where there are fewer."""
         order = rng.permutation(len(points))
         if len(points) >= self.n_points:
@@ -129,7 +142,9 @@ class PointRCNN(Detector):
         found = self.rpn(batch["points"])
         if self.rcnn is None:
             return tuple(found)
-        regions = batch["points"].new_zeros(len(batch["points"]), self.second.points, 5 + found[2].shape[2])
+        regions = batch["points"].new_zeros(
+            len(batch["points"]), self.second.points, 5 + found[2].shape[2]
+        )
         return (*found, *self.rcnn(regions))
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
@@ -139,8 +154,12 @@ class PointRCNN(Detector):
         logits, codes, _ = self.rpn(batch["points"])
         labels = batch["labels"]
         positive = labels == FOREGROUND
-        terms = self.point_loss.classification(logits[positive].float(), logits[labels == BACKGROUND].float())
-        return terms | self.code.loss(codes[positive].float(), self._relative(batch["own"], batch["points"][positive]))
+        terms = self.point_loss.classification(
+            logits[positive].float(), logits[labels == BACKGROUND].float()
+        )
+        return terms | self.code.loss(
+            codes[positive].float(), self._relative(batch["own"], batch["points"][positive])
+        )
 
     def _relative(self, boxes_velo: Tensor, places: Tensor) -> Tensor:
         own = centered(boxes_velo)
@@ -152,7 +171,9 @@ class PointRCNN(Detector):
         return logits[labels == FOREGROUND], logits[labels == BACKGROUND]
 
     @torch.no_grad()
-    def _propose(self, points: Tensor, training: bool) -> tuple[list[Array], list[Array], Tensor, Tensor]:
+    def _propose(
+        self, points: Tensor, training: bool
+    ) -> tuple[list[Array], list[Array], Tensor, Tensor]:
         """Proposals of each frame, their scores, and all points' logits and features."""
         logits, codes, features = self.rpn(points)
         boxes = self.code.decode(codes.flatten(0, 1).float())
@@ -185,7 +206,8 @@ class PointRCNN(Detector):
         drawn = [self.second.rois.draw(p, o, rng) for p, o in zip(proposals, objects, strict=True)]
         counts = [len(regions) for regions, _, _ in drawn]
         regions, targets, overlaps = (
-            torch.from_numpy(np.concatenate(part)).to(logits.device) for part in zip(*drawn, strict=True)
+            torch.from_numpy(np.concatenate(part)).to(logits.device)
+            for part in zip(*drawn, strict=True)
         )
         frames = torch.arange(len(counts)).repeat_interleave(torch.tensor(counts)).to(logits.device)
         regions, targets = regions.float(), targets.float()
@@ -203,7 +225,10 @@ class PointRCNN(Detector):
         if self.second.classification == "focal":
             return self.point_loss.classification(positive, negative)
         count = max(1, len(positive) + len(negative))
-        return {"cls_pos": F.softplus(-positive).sum() / count, "cls_neg": F.softplus(negative).sum() / count}
+        return {
+            "cls_pos": F.softplus(-positive).sum() / count,
+            "cls_neg": F.softplus(negative).sum() / count,
+        }
 
     def _augment(self, rows: Tensor, boxes: Tensor, rng: np.random.Generator) -> None:
         """Scale and flip each region, in place; turning the scene would not change what a region sees of itself."""
@@ -223,11 +248,18 @@ class PointRCNN(Detector):
         if self.rcnn is not None:
             counts = [len(boxes) for boxes in proposals]
             every = torch.from_numpy(np.concatenate(proposals)).to(logits.device).float()
-            frames = torch.arange(len(counts)).repeat_interleave(torch.tensor(counts)).to(logits.device)
+            frames = (
+                torch.arange(len(counts)).repeat_interleave(torch.tensor(counts)).to(logits.device)
+            )
             refined, codes = self.rcnn(self._pool(batch, logits, features, every, frames)[0])
-            boxes_velo = from_regions(self.roi_code.decode(codes.float()), every).double().cpu().numpy()
+            boxes_velo = (
+                from_regions(self.roi_code.decode(codes.float()), every).double().cpu().numpy()
+            )
             ends = np.cumsum(counts)[:-1]
-            proposals, scores = np.split(boxes_velo, ends), np.split(refined.float().cpu().numpy(), ends)
+            proposals, scores = (
+                np.split(boxes_velo, ends),
+                np.split(refined.float().cpu().numpy(), ends),
+            )
         found = []
         for boxes, raw in zip(proposals, scores, strict=True):
             best = top_scores(raw, max_boxes, min_score)

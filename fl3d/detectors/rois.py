@@ -17,7 +17,9 @@ from fl3d.geometry.nms import nms
 
 Float = NDArray[np.float64]
 # Jitter of a region: shift in metres, scale, turn in degrees; one of the rows is drawn (the code's five strengths).
-STRENGTHS = np.array([(0.2, 0.1, 15), (0.3, 0.15, 15), (0.5, 0.15, 20), (0.8, 0.15, 30), (1.0, 0.15, 60)])
+STRENGTHS = np.array(
+    [(0.2, 0.1, 15), (0.3, 0.15, 15), (0.5, 0.15, 20), (0.8, 0.15, 30), (1.0, 0.15, 60)]
+)
 KEEP_SHARE = 0.2  # of the jitters leave the region as it is
 
 
@@ -28,7 +30,7 @@ class ProposalRule:
     Args:
         iou: above which a worse one is suppressed.
         count: proposals of a frame at most.
-        candidates: boxes of a frame that suppression looks at.
+        candidates: boxes of a frame that enter suppression.
         depths: rows of nearest and farthest depth in metres and the share of both counts between them.
     """
 
@@ -84,7 +86,9 @@ class RoiRule:
     regress_iou: float
     tries: int
 
-    def draw(self, proposals: Float, objects: Float, rng: np.random.Generator) -> tuple[Float, Float, Float]:
+    def draw(
+        self, proposals: Float, objects: Float, rng: np.random.Generator
+    ) -> tuple[Float, Float, Float]:
         """Regions for training, jittered.
 
         Args:

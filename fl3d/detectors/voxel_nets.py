@@ -66,7 +66,9 @@ class FeatureNet(nn.Module):
         """
         for layer in (self.vfe_1, self.vfe_2):
             own = layer(rows)
-            voxel = max_per_voxel(own, lengths).repeat_interleave(lengths, dim=0, output_size=len(rows))
+            voxel = max_per_voxel(own, lengths).repeat_interleave(
+                lengths, dim=0, output_size=len(rows)
+            )
             rows = torch.cat([own, voxel], dim=1)
             if mask is not None:
                 rows = rows * mask
@@ -82,7 +84,9 @@ class Pointwise(nn.Conv2d):
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) -> (B, C', H, W)."""
         assert self.bias is not None
-        return (self.weight.flatten(1) @ x.flatten(2) + self.bias[:, None]).view(len(x), -1, *x.shape[2:])
+        return (self.weight.flatten(1) @ x.flatten(2) + self.bias[:, None]).view(
+            len(x), -1, *x.shape[2:]
+        )
 
 
 class RPN(nn.Module):
@@ -99,8 +103,13 @@ class RPN(nn.Module):
         super().__init__()
         self.blocks, self.deconvs = nn.ModuleList(), nn.ModuleList()
         for layers, width, (kernel, stride) in zip(BLOCK_LAYERS, widths, UPSAMPLE, strict=True):
-            convs = [Conv2d(c_in, width, 3, 2, 1), *(Conv2d(width, width, 3, 1, 1) for _ in range(layers - 1))]
-            self.blocks.append(nn.Sequential(*(conv_block(c, BatchNorm2d(width), norm_order) for c in convs)))
+            convs = [
+                Conv2d(c_in, width, 3, 2, 1),
+                *(Conv2d(width, width, 3, 1, 1) for _ in range(layers - 1)),
+            ]
+            self.blocks.append(
+                nn.Sequential(*(conv_block(c, BatchNorm2d(width), norm_order) for c in convs))
+            )
             deconv = ConvTranspose2d(width, up, kernel, stride, padding=(kernel - stride) // 2)
             self.deconvs.append(conv_block(deconv, BatchNorm2d(up), norm_order))
             c_in = width

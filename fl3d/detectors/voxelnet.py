@@ -55,7 +55,7 @@ class VoxelNet(Detector):
         norm_order: see ``blocks.conv_block``.
         mask_max: leave padded slots out of the maxima and of batch normalisation; False pads every voxel to
             ``max_points`` rows, as the paper's code does.
-        compute: ``sparse``, up to where maps are crowded, or ``dense``: the same function, and the same weights.
+        compute: ``sparse``, up to where maps are nearly dense, or ``dense``: the same function, and the same weights.
     """
 
     VERSION = 2
@@ -92,10 +92,16 @@ class VoxelNet(Detector):
         self.mask_max = mask_max
         depth, height, width = self.grid.shape
         self.feature_net = FeatureNet(vfe, voxel_features)
-        layers = ((voxel_features, 2, 1), (middle, 1, 0), (middle, 2, 1))  # channels in; stride, padding over z
+        layers = (
+            (voxel_features, 2, 1),
+            (middle, 1, 0),
+            (middle, 2, 1),
+        )  # channels in; stride, padding over z
         self.middle = nn.Sequential(
             *(
-                conv_block(Conv3d(c, middle, 3, (s, 1, 1), (p, 1, 1)), BatchNorm3d(middle), norm_order)
+                conv_block(
+                    Conv3d(c, middle, 3, (s, 1, 1), (p, 1, 1)), BatchNorm3d(middle), norm_order
+                )
                 for c, s, p in layers
             )
         )
@@ -119,7 +125,9 @@ class VoxelNet(Detector):
             boxes[:, 6] = fold(boxes[:, 6], self.heading_fold)
             chosen, owners, negative = self.matcher.assign(boxes)
             sample["positive"] = chosen[:, None]
-            sample["residuals"] = encode_boxes(boxes[owners], self.anchors[chosen]).astype(np.float32)
+            sample["residuals"] = encode_boxes(boxes[owners], self.anchors[chosen]).astype(
+                np.float32
+            )
             sample["negative"] = negative
         return sample
 
@@ -131,11 +139,18 @@ class VoxelNet(Detector):
         padded = np.zeros((len(voxels.lengths) * self.max_points, N_FEATURES), dtype=np.float32)
         mask = np.zeros((len(padded), 1), dtype=np.float32)
         padded[place], mask[place] = voxels.rows, 1
-        return {"rows": padded, "mask": mask, "lengths": np.full(len(voxels.lengths), self.max_points)}
+        return {
+            "rows": padded,
+            "mask": mask,
+            "lengths": np.full(len(voxels.lengths), self.max_points),
+        }
 
     def collate(self, samples: list[Sample]) -> Batch:
         """Concatenate rows; cells and positives carry their sample's number in front."""
-        batch: Batch = {"cells": join_ragged([s["cells"] for s in samples]), "size": torch.tensor(len(samples))}
+        batch: Batch = {
+            "cells": join_ragged([s["cells"] for s in samples]),
+            "size": torch.tensor(len(samples)),
+        }
         if self.compute == "sparse":
             layout = voxel_layout(batch["cells"], self.grid.shape, len(samples))
             self.rpn.lay_out(lay_out(layout, self.middle))
@@ -156,8 +171,12 @@ class VoxelNet(Detector):
         if "layout" in batch:
             features = self.middle(BackgroundMap.from_voxels(voxels, batch["layout"]))
         else:
-            features = self.middle(scatter_dense(voxels, batch["cells"], (int(batch["size"]), *self.grid.shape)))
-        logits, residuals = self.rpn(features.flatten(1, 2) if isinstance(features, Tensor) else features)
+            features = self.middle(
+                scatter_dense(voxels, batch["cells"], (int(batch["size"]), *self.grid.shape))
+            )
+        logits, residuals = self.rpn(
+            features.flatten(1, 2) if isinstance(features, Tensor) else features
+        )
         return logits, residuals
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
@@ -165,7 +184,10 @@ class VoxelNet(Detector):
         logits, residuals = self(batch)
         b, a = batch["positive"].unbind(1)
         terms = self.detection_loss.classification(logits[b, a], logits[batch["negative"]])
-        return {**terms, "reg": self.detection_loss.localization(residuals[b, a], batch["residuals"])}
+        return {
+            **terms,
+            "reg": self.detection_loss.localization(residuals[b, a], batch["residuals"]),
+        }
 
     def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Logits of positive and of negative anchors."""

@@ -85,9 +85,12 @@ def boxes_from_corners(corners: Array) -> Array:
         and the heading lies in [-pi, pi).
     """
     along, across, up = (
-        np.stack([corners[:, b] - corners[:, a] for a, b in edges], axis=1) for edges in (EDGES_L, EDGES_W, EDGES_H)
+        np.stack([corners[:, b] - corners[:, a] for a, b in edges], axis=1)
+        for edges in (EDGES_L, EDGES_W, EDGES_H)
     )
-    length, width, height = (np.linalg.norm(edges, axis=-1).mean(axis=1) for edges in (along, across, up))
+    length, width, height = (
+        np.linalg.norm(edges, axis=-1).mean(axis=1) for edges in (along, across, up)
+    )
     # An across edge, turned back by a quarter, points along the length.
     turned = np.stack([across[..., 1], -across[..., 0]], axis=-1)
     directions = np.concatenate([along[..., :2], turned], axis=1)
@@ -135,7 +138,9 @@ def points_inside(points_velo: Points, boxes_velo: Array) -> NDArray[np.bool_]:
         dx, dy, dz = points_velo[:, 0] - x, points_velo[:, 1] - y, points_velo[:, 2] - z
         along = dx * np.cos(yaw) + dy * np.sin(yaw)
         across = dy * np.cos(yaw) - dx * np.sin(yaw)
-        inside[i] = (np.abs(along) <= length / 2) & (np.abs(across) <= w / 2) & (dz >= 0) & (dz <= h)
+        inside[i] = (
+            (np.abs(along) <= length / 2) & (np.abs(across) <= w / 2) & (dz >= 0) & (dz <= h)
+        )
     return inside
 
 
@@ -150,7 +155,9 @@ def owners(points_velo: Points, boxes_velo: Array, margin: float) -> NDArray[np.
     for k, (x, y, z, h, w, length, yaw) in enumerate(boxes_velo):
         dx, dy, dz = points_velo[:, 0] - x, points_velo[:, 1] - y, points_velo[:, 2] - z - h / 2
         along, across = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
-        outside = np.maximum.reduce([np.abs(along) - length / 2, np.abs(across) - w / 2, np.abs(dz) - h / 2])
+        outside = np.maximum.reduce(
+            [np.abs(along) - length / 2, np.abs(across) - w / 2, np.abs(dz) - h / 2]
+        )
         owner[(outside <= margin) & (owner < 0)] = NEAR
         owner[outside <= 0] = k
     return owner

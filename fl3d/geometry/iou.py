@@ -54,7 +54,9 @@ def shared_area(p: Float, q: Float) -> float:
             return 0.0
         polygon[:n] = clipped[:n]
     area = 0.0
-    for i in range(1, n - 1):  # fan from the first corner: small numbers, no cancellation far from the origin
+    for i in range(
+        1, n - 1
+    ):  # fan from the first corner: small numbers, no cancellation far from the origin
         ux, uy = polygon[i, 0] - polygon[0, 0], polygon[i, 1] - polygon[0, 1]
         vx, vy = polygon[i + 1, 0] - polygon[0, 0], polygon[i + 1, 1] - polygon[0, 1]
         area += ux * vy - uy * vx
@@ -122,14 +124,24 @@ def bev_and_3d_iou_cam(boxes_a: Array, boxes_b: Array) -> tuple[Float, Float]:
     """
     # The y axis points down: heights are measured from below.
     return _bev_and_3d(
-        rectangles_cam(boxes_a), rectangles_cam(boxes_b), -boxes_a[:, 1], boxes_a[:, 3], -boxes_b[:, 1], boxes_b[:, 3]
+        rectangles_cam(boxes_a),
+        rectangles_cam(boxes_b),
+        -boxes_a[:, 1],
+        boxes_a[:, 3],
+        -boxes_b[:, 1],
+        boxes_b[:, 3],
     )
 
 
 def bev_and_3d_iou_velo(boxes_a: Array, boxes_b: Array) -> tuple[Float, Float]:
     """The same in the LiDAR frame: (N, 7), (M, 7) ``boxes_velo``; a box spans [z, z + h]."""
     return _bev_and_3d(
-        rectangles_velo(boxes_a), rectangles_velo(boxes_b), boxes_a[:, 2], boxes_a[:, 3], boxes_b[:, 2], boxes_b[:, 3]
+        rectangles_velo(boxes_a),
+        rectangles_velo(boxes_b),
+        boxes_a[:, 2],
+        boxes_a[:, 3],
+        boxes_b[:, 2],
+        boxes_b[:, 3],
     )
 
 
@@ -163,7 +175,11 @@ def image_iou(boxes_a: Array, boxes_b: Array, over_a: bool = False) -> Float:
     shared = np.where((size > 0).all(axis=-1), size[..., 0] * size[..., 1], 0.0)
     area_a = (boxes_a[:, 2] - boxes_a[:, 0]) * (boxes_a[:, 3] - boxes_a[:, 1])
     area_b = (boxes_b[:, 2] - boxes_b[:, 0]) * (boxes_b[:, 3] - boxes_b[:, 1])
-    whole = np.broadcast_to(area_a[:, None], shared.shape) if over_a else area_a[:, None] + area_b - shared
+    whole = (
+        np.broadcast_to(area_a[:, None], shared.shape)
+        if over_a
+        else area_a[:, None] + area_b - shared
+    )
     return _ratio(shared, whole)
 
 

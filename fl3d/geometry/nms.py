@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.errors import ConfigError, options
+from fl3d.core.errors import ConfigError, options
 from fl3d.geometry.boxes import Array, standup
 from fl3d.geometry.iou import Float, corners_of, shared_area
 
@@ -14,7 +14,12 @@ KINDS = ("standup", "rotated", "3d")
 
 
 def nms(
-    rectangles: Array, scores: Array, iou: float, kind: str, max_kept: int, spans: Array | None = None
+    rectangles: Array,
+    scores: Array,
+    iou: float,
+    kind: str,
+    max_kept: int,
+    spans: Array | None = None,
 ) -> NDArray[np.int64]:
     """Keep the best-scored rectangles that do not overlap a better one.
 
@@ -38,7 +43,9 @@ def nms(
     if kind == "3d":
         assert spans is not None
     else:
-        spans = np.broadcast_to([0.0, 1.0], (len(rectangles), 2))  # all of one height: volumes are areas
+        spans = np.broadcast_to(
+            [0.0, 1.0], (len(rectangles), 2)
+        )  # all of one height: volumes are areas
     order = np.argsort(-scores, kind="stable")
     rectangles = np.ascontiguousarray(rectangles, dtype=np.float64)
     hulls = standup(rectangles)
@@ -57,7 +64,9 @@ def _overlap(a: Float, b: Float, span_a: Float, span_b: Float, p: Float, q: Floa
     corners_of(a, p)
     corners_of(b, q)
     volume = shared_area(p, q) * rise
-    return volume / (a[2] * a[3] * (span_a[1] - span_a[0]) + b[2] * b[3] * (span_b[1] - span_b[0]) - volume)
+    return volume / (
+        a[2] * a[3] * (span_a[1] - span_a[0]) + b[2] * b[3] * (span_b[1] - span_b[0]) - volume
+    )
 
 
 @numba.njit(cache=True)
@@ -77,7 +86,9 @@ def _greedy(
         return kept
     low_u, low_v = hulls[:, 0].min(), hulls[:, 1].min()
     span = max(hulls[:, 2].max() - low_u, hulls[:, 3].max() - low_v)
-    size = max((hulls[:, 2] - hulls[:, 0]).max(), (hulls[:, 3] - hulls[:, 1]).max(), span / 256, 1e-6)
+    size = max(
+        (hulls[:, 2] - hulls[:, 0]).max(), (hulls[:, 3] - hulls[:, 1]).max(), span / 256, 1e-6
+    )
     cells = int(span / size) + 1
     head = np.full(cells * cells, -1, dtype=np.int64)
     following = np.empty(n, dtype=np.int64)
@@ -98,7 +109,10 @@ def _greedy(
                     height = min(hulls[i, 3], hulls[j, 3]) - max(hulls[i, 1], hulls[j, 1])
                     if width > 0 and height > 0:
                         if rotated:
-                            is_free = _overlap(rectangles[j], rectangles[i], spans[j], spans[i], p, q) <= iou
+                            is_free = (
+                                _overlap(rectangles[j], rectangles[i], spans[j], spans[i], p, q)
+                                <= iou
+                            )
                         else:
                             area_i = (hulls[i, 2] - hulls[i, 0]) * (hulls[i, 3] - hulls[i, 1])
                             area_j = (hulls[j, 2] - hulls[j, 0]) * (hulls[j, 3] - hulls[j, 1])

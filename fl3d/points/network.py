@@ -77,11 +77,15 @@ class SetAbstraction(nn.Module):
         """(B, N, 3), (B, N, c_in) or None -> centres (B, M, 3) and their features (B, M, c_out)."""
         if self.level.count is None:
             rows = points if features is None else torch.cat([points, features], dim=-1)
-            return points[:, :1], torch.cat([mlp(rows).amax(dim=1, keepdim=True) for mlp in self.scales], dim=-1)
+            return points[:, :1], torch.cat(
+                [mlp(rows).amax(dim=1, keepdim=True) for mlp in self.scales], dim=-1
+            )
         centers = gather(points, farthest_points(points, self.level.count))
         found = []
         for index, mlp in zip(
-            ball_query(points, centers, self.level.radii, self.level.samples), self.scales, strict=True
+            ball_query(points, centers, self.level.radii, self.level.samples),
+            self.scales,
+            strict=True,
         ):
             rows = gather(points, index) - centers[:, :, None]
             if features is not None:
@@ -121,6 +125,9 @@ class Backbone(nn.Module):
             around, skip = clouds.pop()
             assert features is not None
             raised = interpolate(around, known, features)
-            known, features = around, up(raised if skip is None else torch.cat([raised, skip], dim=-1))
+            known, features = (
+                around,
+                up(raised if skip is None else torch.cat([raised, skip], dim=-1)),
+            )
         assert features is not None
         return features

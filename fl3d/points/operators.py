@@ -28,7 +28,9 @@ def farthest_points(points: Tensor, count: int) -> Tensor:
     chosen = torch.zeros(n_clouds, count, dtype=torch.int64, device=points.device)
     if points.is_meta:
         return chosen
-    x, y, z = (points[..., axis].contiguous() for axis in range(3))  # reductions over an axis of three are slow
+    x, y, z = (
+        points[..., axis].contiguous() for axis in range(3)
+    )  # reductions over an axis of three are slow
     nearest = torch.full((n_clouds, n_points), torch.inf, device=points.device, dtype=points.dtype)
     last = chosen[:, :1]
     for i in range(1, count):
@@ -41,7 +43,9 @@ def farthest_points(points: Tensor, count: int) -> Tensor:
     return chosen
 
 
-def ball_query(points: Tensor, centers: Tensor, radii: Sequence[float], counts: Sequence[int]) -> list[Tensor]:
+def ball_query(
+    points: Tensor, centers: Tensor, radii: Sequence[float], counts: Sequence[int]
+) -> list[Tensor]:
     """The first points, in the cloud's order, within each radius of each centre.
 
     Args:
@@ -54,12 +58,20 @@ def ball_query(points: Tensor, centers: Tensor, radii: Sequence[float], counts: 
         for each radius (B, M, count) int64.
     """
     if points.is_meta:
-        return [torch.zeros(*centers.shape[:2], count, dtype=torch.int64, device="meta") for count in counts]
+        return [
+            torch.zeros(*centers.shape[:2], count, dtype=torch.int64, device="meta")
+            for count in counts
+        ]
     size = max(1, PAIRS_AT_ONCE // max(1, points.shape[1] * centers.shape[1]))
     parts = []
     for some, around in zip(torch.split(points, size), torch.split(centers, size), strict=True):
         distances = torch.cdist(around, some, compute_mode="donot_use_mm_for_euclid_dist")
-        parts.append([first_true(distances < radius, count) for radius, count in zip(radii, counts, strict=True)])
+        parts.append(
+            [
+                first_true(distances < radius, count)
+                for radius, count in zip(radii, counts, strict=True)
+            ]
+        )
     return [torch.cat(columns) for columns in zip(*parts, strict=True)]
 
 
@@ -67,7 +79,9 @@ def first_true(mask: Tensor, count: int) -> Tensor:
     """Places of the first true values along the last axis: (..., N) -> (..., count), filled as ``ball_query`` says."""
     flat = mask.flatten(0, -2)
     row, place = flat.nonzero(as_tuple=True)
-    starts = torch.searchsorted(row, torch.arange(len(flat), device=mask.device))  # faster than counting each row
+    starts = torch.searchsorted(
+        row, torch.arange(len(flat), device=mask.device)
+    )  # faster than counting each row
     rank = torch.arange(len(row), device=mask.device) - starts[row]
     first = torch.zeros(len(flat), 1, dtype=torch.int64, device=mask.device)
     is_first, kept = rank == 0, rank < count
@@ -100,7 +114,9 @@ def interpolate(points: Tensor, known: Tensor, features: Tensor) -> Tensor:
         return features.new_empty(*points.shape[:2], features.shape[2])
     size = max(1, PAIRS_AT_ONCE // max(1, points.shape[1] * known.shape[1]))
     nearest = [
-        torch.cdist(some, others, compute_mode="donot_use_mm_for_euclid_dist").topk(count, largest=False)
+        torch.cdist(some, others, compute_mode="donot_use_mm_for_euclid_dist").topk(
+            count, largest=False
+        )
         for some, others in zip(torch.split(points, size), torch.split(known, size), strict=True)
     ]
     distances, index = (torch.cat([found[part] for found in nearest]) for part in (0, 1))

@@ -37,7 +37,9 @@ class Slabs:
 
 def resolutions(columns: Mapping[str, Sequence[Any]]) -> list[Slabs]:
     """Slabs from columns of equal length, one for each of their fields, as a YAML has them."""
-    return [Slabs(*row) for row in zip(*(columns[field.name] for field in fields(Slabs)), strict=True)]
+    return [
+        Slabs(*row) for row in zip(*(columns[field.name] for field in fields(Slabs)), strict=True)
+    ]
 
 
 class SlabNet(nn.Module):
@@ -55,12 +57,16 @@ class SlabNet(nn.Module):
     def forward(self, points: Tensor, places: Tensor) -> Tensor:
         """(K, P, 3) and reference points (K, L, 3) -> (K, L, C); depth is the first coordinate."""
         if points.is_meta:
-            index = torch.zeros(*places.shape[:2], self.slabs.samples, dtype=torch.int64, device="meta")
+            index = torch.zeros(
+                *places.shape[:2], self.slabs.samples, dtype=torch.int64, device="meta"
+            )
             inside = index.new_zeros(*places.shape[:2], 1, dtype=torch.bool)
         else:
             inside = (points[:, None, :, 0] - places[..., :1]).abs() < self.slabs.half
             index = first_true(inside, self.slabs.samples)
             inside = inside.any(dim=2, keepdim=True)
-        flat = index + torch.arange(len(points), device=points.device)[:, None, None] * points.shape[1]
+        flat = (
+            index + torch.arange(len(points), device=points.device)[:, None, None] * points.shape[1]
+        )
         rows = points.flatten(0, 1)[flat.flatten()].view(*index.shape, 3) - places[:, :, None]
         return self.mlp(rows).amax(dim=2) * inside

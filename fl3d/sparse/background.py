@@ -83,7 +83,9 @@ class _Dense(torch.autograd.Function):
         for sample, (start, end) in enumerate(_spans(layout.sample_offsets)):
             places = layout.flat[start:end]
             rows[start:end] = flat[sample].index_select(1, places).t()
-            own = flat[sample].index_fill(1, places, 0)  # what the active sites received is not the background's
+            own = flat[sample].index_fill(
+                1, places, 0
+            )  # what the active sites received is not the background's
             rest = own if sample == 0 else rest.add_(own)
         return _sum_classes(rest.view(-1, *layout.shape), layout), rows, None
 

@@ -44,7 +44,8 @@ class TapConvolution(torch.autograd.Function):
         rows, weight = ctx.saved_tensors
         rules: Rulebook = ctx.rules
         to_rows, to_weight = (
-            torch.zeros_like(t, dtype=dtype) for t, dtype in zip((rows, weight), ctx.dtypes, strict=True)
+            torch.zeros_like(t, dtype=dtype)
+            for t, dtype in zip((rows, weight), ctx.dtypes, strict=True)
         )
         low = grad.to(rows.dtype)
         for tap, (start, end) in enumerate(pairwise(rules.offsets)):
@@ -61,7 +62,14 @@ class WeightedNorm(torch.autograd.Function):
 
     @staticmethod
     def forward(  # type: ignore[no-untyped-def]
-        ctx, canvas: Tensor, rows: Tensor, weights: Tensor, n: float, gamma: Tensor, beta: Tensor, eps: float
+        ctx,
+        canvas: Tensor,
+        rows: Tensor,
+        weights: Tensor,
+        n: float,
+        gamma: Tensor,
+        beta: Tensor,
+        eps: float,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Canvas (M, C), rows (N, C), positions (M,) of each canvas row and in all -> both, mean and variance (C)."""
         # Sums of differences from the commonest row: sums of the values themselves would lose three digits.
@@ -79,7 +87,9 @@ class WeightedNorm(torch.autograd.Function):
         return low * gamma + beta, high * gamma + beta, mean, var
 
     @staticmethod
-    def backward(ctx, grad_canvas: Tensor, grad_rows: Tensor, _mean: Tensor, _var: Tensor) -> tuple[Any, ...]:  # type: ignore[no-untyped-def]
+    def backward(
+        ctx: Any, grad_canvas: Tensor, grad_rows: Tensor, _mean: Tensor, _var: Tensor
+    ) -> tuple[Any, ...]:
         """Gradients of canvas, rows, gamma and beta."""
         low, high, share, gamma, inverse = ctx.saved_tensors
         to_beta = grad_canvas.sum(0) + grad_rows.sum(0)

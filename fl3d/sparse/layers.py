@@ -15,7 +15,9 @@ from fl3d.sparse.rulebook import find_rulebook
 Map = Tensor | BackgroundMap
 # A pair of rows costs the sparse convolution its products, and as much as so many more for moving it about.
 MOVING = 3500
-CROWDED = 0.6  # cost of the sparse convolution over the dense one's, from which on the map goes on dense
+DENSE_FROM = (
+    0.6  # cost of the sparse convolution over the dense one's, from which on the map becomes dense
+)
 
 
 class SparseConvolution:
@@ -33,14 +35,20 @@ class SparseConvolution:
 
     def geometry_of_tensor(self) -> Geometry:
         """Kernel, stride and padding along z, y, x; 0 along z in two dimensions."""
-        kernel, stride, padding = (_triple(getattr(self, k)) for k in ("kernel_size", "stride", "padding"))
+        kernel, stride, padding = (
+            _triple(getattr(self, k)) for k in ("kernel_size", "stride", "padding")
+        )
         return kernel, stride, padding
 
     def geometry(self, layout: Layout) -> Geometry:
         """Kernel, stride and padding along z, y, x on a map of this layout."""
         kernel, stride, padding = self.geometry_of_tensor()
         if len(self.kernel_size) == 2:
-            kernel, stride, padding = (layout.shape[0], *kernel[1:]), (1, *stride[1:]), (0, *padding[1:])
+            kernel, stride, padding = (
+                (layout.shape[0], *kernel[1:]),
+                (1, *stride[1:]),
+                (0, *padding[1:]),
+            )
         return kernel, stride, padding
 
     def taps(self, depth: int) -> Tensor:
@@ -50,16 +58,21 @@ class SparseConvolution:
             weight = weight.view(len(weight), -1, depth, *weight.shape[2:])
         return weight.permute(2, 3, 4, 1, 0).flatten(0, 2)
 
-    def is_crowded(self, layout: Layout) -> bool:
+    def is_dense(self, layout: Layout) -> bool:
         """Whether the dense convolution would be faster; the share of pairs is about that of active positions."""
-        return layout.fill * (1 + MOVING / (self.in_channels * self.out_channels)) > CROWDED
+        return layout.fill * (1 + MOVING / (self.in_channels * self.out_channels)) > DENSE_FROM
 
     def on_map(self, x: BackgroundMap) -> Map:
-        """The convolution of a map: a map, or where it is crowded a tensor."""
-        if self.is_crowded(x.layout):
+        """The convolution of a map: a map, or where it is dense a tensor."""
+        if self.is_dense(x.layout):
             whole = x.dense()
             return self(whole if self.weight.dim() == 5 else whole.flatten(1, 2))  # type: ignore[operator]
-        return convolve(x, self.taps(x.layout.shape[0]), self.bias, find_rulebook(x.layout, self.geometry(x.layout)))
+        return convolve(
+            x,
+            self.taps(x.layout.shape[0]),
+            self.bias,
+            find_rulebook(x.layout, self.geometry(x.layout)),
+        )
 
 
 def _triple(values: Any) -> Triple:
@@ -67,7 +80,9 @@ def _triple(values: Any) -> Triple:
     return int(z), int(y), int(x)
 
 
-def convolve(x: BackgroundMap, weight: Tensor, bias: Tensor | None, rules: Rulebook) -> BackgroundMap:
+def convolve(
+    x: BackgroundMap, weight: Tensor, bias: Tensor | None, rules: Rulebook
+) -> BackgroundMap:
     """Convolve canvas and rows.
 
     The convolution is linear: at an active site it is the convolution of the background there, plus that of what
@@ -94,7 +109,7 @@ class Conv3d(SparseConvolution, nn.Conv3d):
     """``torch.nn.Conv3d`` without groups and dilation, on tensors or background maps."""
 
     def forward(self, x: Map) -> Any:
-        """(B, C, Z, Y, X), or a map of that shape -> the same kind; a crowded map becomes dense."""
+        """(B, C, Z, Y, X), or a map of that shape -> the same kind; a map with many active rows becomes dense."""
         if not isinstance(x, Tensor):
             return self.on_map(x)
         return self._turned(x) if self.stride[2] == 1 and is_misjudged(x) else super().forward(x)
@@ -102,7 +117,9 @@ class Conv3d(SparseConvolution, nn.Conv3d):
     def _turned(self, x: Tensor) -> Tensor:
         """The same with z as the last axis."""
         (_, stride, padding), weight = self.geometry_of_tensor(), self.weight.permute(ZYX_TO_YXZ)
-        turned = nn.functional.conv3d(x.permute(ZYX_TO_YXZ), weight, self.bias, _roll(stride), _roll(padding))
+        turned = nn.functional.conv3d(
+            x.permute(ZYX_TO_YXZ), weight, self.bias, _roll(stride), _roll(padding)
+        )
         return turned.permute(YXZ_TO_ZYX).contiguous()
 
 
@@ -113,7 +130,12 @@ SMALL = 20480  # values in B x C x Z x Y, up to which torch takes its slow convo
 def is_misjudged(x: Tensor) -> bool:
     """Whether torch would take a batch of one for too small, leaving its longest axis out of account."""
     b, c, z, y, width = x.shape
-    return x.device.type == "cpu" and x.dtype == torch.float32 and b == 1 and c * z * y <= SMALL < c * y * width
+    return (
+        x.device.type == "cpu"
+        and x.dtype == torch.float32
+        and b == 1
+        and c * z * y <= SMALL < c * y * width
+    )
 
 
 def _roll(values: Triple) -> Triple:
@@ -125,7 +147,7 @@ class Conv2d(SparseConvolution, nn.Conv2d):
     """``torch.nn.Conv2d`` without groups and dilation, on tensors or on background maps, whose depth are channels."""
 
     def forward(self, x: Map) -> Any:
-        """(B, C Z, Y, X), or a map (B, C, Z, Y, X) -> the same kind, a map of Z = 1; a crowded map becomes dense."""
+        """(B, C Z, Y, X), or a map (B, C, Z, Y, X) -> the same kind, a map of Z = 1; one of many rows becomes dense."""
         return super().forward(x) if isinstance(x, Tensor) else self.on_map(x)
 
 
@@ -143,17 +165,17 @@ class ConvTranspose2d(SparseConvolution, nn.ConvTranspose2d):
         weight = weight.view(-1, depth, *weight.shape[1:])  # (C, Z, C', ky, kx)
         return weight.permute(1, 3, 4, 0, 2).flatten(0, 2)
 
-    def is_crowded(self, layout: Layout) -> bool:
+    def is_dense(self, layout: Layout) -> bool:
         """As of other convolutions; with a stride dense is faster, for every position of the output is reached."""
-        return self.stride != (1, 1) or super().is_crowded(layout)
+        return self.stride != (1, 1) or super().is_dense(layout)
 
     def forward(self, x: Map, output_size: list[int] | None = None) -> Any:
-        """(B, C Z, Y, X), or a map (B, C, Z, Y, X) -> the same kind, a map of Z = 1; a crowded map becomes dense."""
+        """(B, C Z, Y, X), or a map (B, C, Z, Y, X) -> the same kind, a map of Z = 1; one of many rows becomes dense."""
         return super().forward(x, output_size) if isinstance(x, Tensor) else self.on_map(x)
 
 
 def lay_out(layout: Layout | None, network: nn.Module) -> Layout | None:
-    """Make the rulebooks of a chain of convolutions beforehand, in the loader's process, up to where it goes on dense.
+    """Make the rulebooks of a chain of convolutions beforehand, in the loader's process, up to where maps become dense.
 
     Args:
         layout: of the chain's input, which keeps the rulebooks; None: it is dense already.
@@ -164,8 +186,8 @@ def lay_out(layout: Layout | None, network: nn.Module) -> Layout | None:
     """
     for module in network.modules():
         if isinstance(module, SparseConvolution) and layout is not None:
-            crowded = module.is_crowded(layout)
-            layout = None if crowded else find_rulebook(layout, module.geometry(layout)).target
+            is_dense = module.is_dense(layout)
+            layout = None if is_dense else find_rulebook(layout, module.geometry(layout)).target
     return layout
 
 
@@ -205,7 +227,13 @@ def normalise(norm: nn.BatchNorm2d | nn.BatchNorm3d, x: BackgroundMap) -> Backgr
         return BackgroundMap(x.canvas * scale + shift, x.rows * scale + shift, x.layout)
     n = x.layout.positions
     canvas, rows, mean, var = WeightedNorm.apply(  # type: ignore[no-untyped-call]
-        x.canvas, x.rows, x.layout.weights.to(x.rows.dtype), float(n), norm.weight, norm.bias, norm.eps
+        x.canvas,
+        x.rows,
+        x.layout.weights.to(x.rows.dtype),
+        float(n),
+        norm.weight,
+        norm.bias,
+        norm.eps,
     )
     assert norm.num_batches_tracked is not None
     assert norm.momentum is not None

@@ -88,7 +88,8 @@ class Layout:
     def weights(self) -> Tensor:
         """(M,) float64: for how many positions each row of the canvas stands."""
         runs = [
-            torch.bincount(axis, minlength=n).double() for axis, n in zip(self.classes, self.n_classes, strict=True)
+            torch.bincount(axis, minlength=n).double()
+            for axis, n in zip(self.classes, self.n_classes, strict=True)
         ]
         every = self.batch * (runs[0][:, None, None] * runs[1][None, :, None] * runs[2]).flatten()
         return every - torch.bincount(self.row_classes, minlength=self.n_canvas).double()
@@ -147,8 +148,21 @@ def _pack(layout: Layout, parts: list[Tensor]) -> Form:
     rules = []
     for geometry, rule in layout.rules.items():
         parts += [rule.rows_in, rule.rows_out, rule.patches.flatten()]
-        rules.append((geometry, len(rule.rows_in), rule.offsets, tuple(rule.patches.shape), _pack(rule.target, parts)))
-    return layout.batch, tuple(len(axis) for axis in layout.classes), len(layout.sites), tuple(rules)
+        rules.append(
+            (
+                geometry,
+                len(rule.rows_in),
+                rule.offsets,
+                tuple(rule.patches.shape),
+                _pack(rule.target, parts),
+            )
+        )
+    return (
+        layout.batch,
+        tuple(len(axis) for axis in layout.classes),
+        len(layout.sites),
+        tuple(rules),
+    )
 
 
 def unpack(packed: Tensor, form: Form) -> Layout:
@@ -166,7 +180,11 @@ def _unpack(packed: Tensor, form: Form, start: int) -> tuple[Layout, int]:
     z, y, x = (take(length) for length in lengths)
     layout = Layout(batch, (z, y, x), take(4 * n_sites).view(-1, 4))
     for geometry, n_pairs, offsets, shape, target_form in rules:
-        rows_in, rows_out, patches = take(n_pairs), take(n_pairs), take(shape[0] * shape[1]).view(shape)
+        rows_in, rows_out, patches = (
+            take(n_pairs),
+            take(n_pairs),
+            take(shape[0] * shape[1]).view(shape),
+        )
         target, start = _unpack(packed, target_form, start)
         layout.rules[geometry] = Rulebook(target, rows_in, rows_out, offsets, patches)
     return layout, start

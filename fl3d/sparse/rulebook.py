@@ -45,7 +45,9 @@ def make_rulebook(source: Layout, kernel: Triple, stride: Triple, padding: Tripl
         padding: positions of zeros before and behind each axis.
     """
     device = source.sites.device
-    background = _background(tuple(axis.cpu().numpy().tobytes() for axis in source.classes), kernel, stride, padding)
+    background = _background(
+        tuple(axis.cpu().numpy().tobytes() for axis in source.classes), kernel, stride, padding
+    )
     sites, rows_in, rows_out, offsets = _pairs(
         source.sites.cpu().numpy(),
         source.batch,
@@ -72,13 +74,19 @@ class _Background(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def _background(classes: tuple[bytes, ...], kernel: Triple, stride: Triple, padding: Triple) -> _Background:
+def _background(
+    classes: tuple[bytes, ...], kernel: Triple, stride: Triple, padding: Triple
+) -> _Background:
     """The same for every frame of a network, so it is worked out once."""
     source = [torch.frombuffer(bytearray(axis), dtype=torch.int64) for axis in classes]
     axes = [_axis(c, k, s, p) for c, k, s, p in zip(source, kernel, stride, padding, strict=True)]
     (z, tz), (y, ty), (x, tx) = axes
     nz, ny, nx = (int(axis.max()) + 1 for axis in source)
-    tz, ty, tx = tz[:, None, None, :, None, None], ty[None, :, None, None, :, None], tx[None, None, :, None, None, :]
+    tz, ty, tx = (
+        tz[:, None, None, :, None, None],
+        ty[None, :, None, None, :, None],
+        tx[None, None, :, None, None, :],
+    )
     inside = (tz >= 0) & (ty >= 0) & (tx >= 0)
     rows = torch.where(inside, (tz * ny + ty) * nx + tx, nz * ny * nx)
     return _Background((z, y, x), rows.flatten(3).flatten(0, 2))
@@ -97,15 +105,25 @@ def _axis(classes: Tensor, kernel: int, stride: int, padding: int) -> tuple[Tens
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pairs(sites: Int, batch: int, shape: Int, kernel: Int, stride: Int, padding: Int) -> tuple[Int, Int, Int, Int]:
+def _pairs(
+    sites: Int, batch: int, shape: Int, kernel: Int, stride: Int, padding: Int
+) -> tuple[Int, Int, Int, Int]:
     """Output sites that any input site reaches, and the pairs of rows of each tap."""
     nz, ny, nx = shape
     index = np.full(batch * nz * ny * nx, -1, dtype=np.int32)
     n_taps, n = kernel[0] * kernel[1] * kernel[2], len(sites)
     counts = np.zeros(n_taps, dtype=np.int64)
-    reached, reaching = np.empty((n_taps, n), dtype=np.int32), np.empty((n_taps, n), dtype=np.int32)  # place, row
+    reached, reaching = (
+        np.empty((n_taps, n), dtype=np.int32),
+        np.empty((n_taps, n), dtype=np.int32),
+    )  # place, row
     for row in range(n):
-        b, z, y, x = sites[row, 0], sites[row, 1] + padding[0], sites[row, 2] + padding[1], sites[row, 3] + padding[2]
+        b, z, y, x = (
+            sites[row, 0],
+            sites[row, 1] + padding[0],
+            sites[row, 2] + padding[1],
+            sites[row, 3] + padding[2],
+        )
         for dz in range(z % stride[0], kernel[0], stride[0]):
             oz = (z - dz) // stride[0]
             if oz < 0 or oz >= nz:
@@ -117,7 +135,10 @@ def _pairs(sites: Int, batch: int, shape: Int, kernel: Int, stride: Int, padding
                 for dx in range(x % stride[2], kernel[2], stride[2]):
                     ox = (x - dx) // stride[2]
                     if ox >= 0 and ox < nx:
-                        tap, place = (dz * kernel[1] + dy) * kernel[2] + dx, ((b * nz + oz) * ny + oy) * nx + ox
+                        tap, place = (
+                            (dz * kernel[1] + dy) * kernel[2] + dx,
+                            ((b * nz + oz) * ny + oy) * nx + ox,
+                        )
                         index[place] = 0
                         reached[tap, counts[tap]] = place
                         reaching[tap, counts[tap]] = row
@@ -132,7 +153,10 @@ def _pairs(sites: Int, batch: int, shape: Int, kernel: Int, stride: Int, padding
         out_sites[out, 1], out_sites[out, 0] = place % nz, place // nz
     offsets = np.zeros(n_taps + 1, dtype=np.int64)
     offsets[1:] = np.cumsum(counts)
-    rows_in, rows_out = np.empty(offsets[n_taps], dtype=np.int64), np.empty(offsets[n_taps], dtype=np.int64)
+    rows_in, rows_out = (
+        np.empty(offsets[n_taps], dtype=np.int64),
+        np.empty(offsets[n_taps], dtype=np.int64),
+    )
     for tap in range(n_taps):
         for k in range(counts[tap]):
             rows_in[offsets[tap] + k] = reaching[tap, k]

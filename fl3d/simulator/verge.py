@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fl3d.data.simulator import roadside
-from fl3d.data.simulator.materials import PAVING
-from fl3d.data.simulator.site import FAR, PIECE, Site
-from fl3d.data.simulator.solids import Parts
-from fl3d.data.simulator.streets import Street
+from fl3d.simulator import roadside
+from fl3d.simulator.materials import PAVING
+from fl3d.simulator.site import FAR, PIECE, Site
+from fl3d.simulator.solids import Parts
+from fl3d.simulator.streets import Street
 
 
 def pick(weights: Mapping[str, float], rng: np.random.Generator) -> str:
@@ -49,8 +49,15 @@ class Verge:
             return 0.0
         height, broad = self.rng.uniform(0.04, 0.16), width + 3.0
         for along in np.arange(self.start + PIECE / 2, 70.0, PIECE):
-            if self.is_open(along, 1.0) and self.site.seen(*self.site.locate(along, kerb)[:2], PIECE):
-                self.site.put(roadside.pavement(PIECE, broad, height, PAVING), along, kerb, 0.0 if side > 0 else np.pi)
+            if self.is_open(along, 1.0) and self.site.seen(
+                *self.site.locate(along, kerb)[:2], PIECE
+            ):
+                self.site.put(
+                    roadside.pavement(PIECE, broad, height, PAVING),
+                    along,
+                    kerb,
+                    0.0 if side > 0 else np.pi,
+                )
         self.site.raise_ground(side, kerb, broad, height)
         return width
 
@@ -63,9 +70,13 @@ class Verge:
         self._line(self.street.back, side, max(abs(front) + 1.0, abs(kerb) + setback) * side, 0.8)
         behind = max(abs(front), abs(kerb) + setback) + self.rng.uniform(5, 14)
         self._line({"thicket": 0.45, "building": 0.45, "none": 0.1}, side, behind * side, 1.5)
-        for _ in range(self.rng.poisson(5.0 * self.longer)):  # further out, where nothing is planned
+        for _ in range(
+            self.rng.poisson(5.0 * self.longer)
+        ):  # further out, where nothing is planned
             across = kerb + side * self.rng.uniform(10, 40)
-            self._scatter(pick({"tree": 0.4, "bush": 0.3, "conifer": 0.15, "heap": 0.15}, self.rng), across)
+            self._scatter(
+                pick({"tree": 0.4, "bush": 0.3, "conifer": 0.15, "heap": 0.15}, self.rng), across
+            )
 
     def _furniture(self, side: int, kerb: float, pavement: float) -> None:
         for kind in ("pole", "pole", "sign", "cabinet", "bicycles", "bush"):
@@ -84,7 +95,9 @@ class Verge:
         if not self.is_open(along) or not self.site.free(along, across, 0.0, 1.0, 1.0):
             return
         parts, room = self._single(kind)
-        self.site.put(parts, along, across, self.rng.uniform(-np.pi, np.pi) if kind != "sign" else 0.0, room)
+        self.site.put(
+            parts, along, across, self.rng.uniform(-np.pi, np.pi) if kind != "sign" else 0.0, room
+        )
 
     def _single(self, kind: str) -> tuple[Parts, tuple[float, float]]:
         make = {
@@ -108,7 +121,14 @@ class Verge:
             while along < until:
                 length = self.rng.uniform(8, 18) if kind == "building" else PIECE
                 if kind != "none" and self.is_open(along + length / 2, length / 2):
-                    self.run(kind, along + length / 2, across + self.rng.normal(0, 0.1), side, length, height)
+                    self.run(
+                        kind,
+                        along + length / 2,
+                        across + self.rng.normal(0, 0.1),
+                        side,
+                        length,
+                        height,
+                    )
                 along += length + (self.rng.exponential(2.5) if kind == "building" else 0.0)
             across += self.rng.normal(0, wander)
 
@@ -127,23 +147,42 @@ class Verge:
         return float(self.rng.uniform(*ranges.get(kind, (1.0, 2.0))))
 
     def run(
-        self, kind: str, along: float, across: float, side: int, length: float = PIECE, height: float = 0.8
+        self,
+        kind: str,
+        along: float,
+        across: float,
+        side: int,
+        length: float = PIECE,
+        height: float = 0.8,
     ) -> None:
         """A piece of fence, hedge, wall, wood, or row of houses, where there is room; ``side`` is 1 to the left."""
         rng, turn = self.rng, 0.0 if side > 0 else np.pi
-        deep = {"building": 8.0, "bank": 6.0, "thicket": 3.0, "bushes": 2.5, "conifers": 2.0, "rows": 4.8}.get(
-            kind, 0.5
-        )
+        deep = {
+            "building": 8.0,
+            "bank": 6.0,
+            "thicket": 3.0,
+            "bushes": 2.5,
+            "conifers": 2.0,
+            "rows": 4.8,
+        }.get(kind, 0.5)
         if not self.site.free(along, across, turn, length * 0.9, deep * 0.9, at=deep / 2 + 0.1):
             return
         if kind in ("bushes", "conifers"):
             for u in np.arange(-length / 2, length / 2, rng.uniform(1.2, 3.0)):
                 parts = roadside.bush(rng) if kind == "bushes" else roadside.conifer(rng)
-                self.site.put(parts, along + u, across + side * rng.uniform(0.3, 2.5), rng.uniform(-3, 3), (1.2, 1.2))
+                self.site.put(
+                    parts,
+                    along + u,
+                    across + side * rng.uniform(0.3, 2.5),
+                    rng.uniform(-3, 3),
+                    (1.2, 1.2),
+                )
             return
         if kind == "rows":  # another row of a car park
             for u in (-1.3, 1.3):
-                self.site.add(pick(self.street.kinds, rng), along + u, across + side * 2.4, np.pi / 2 * side)
+                self.site.add(
+                    pick(self.street.kinds, rng), along + u, across + side * 2.4, np.pi / 2 * side
+                )
             return
         make = {
             "building": roadside.building,
@@ -156,7 +195,14 @@ class Verge:
             "barrier": roadside.noise_barrier,
             "rail": roadside.guard_rail,
         }[kind]
-        self.site.put(make(length, height, rng), along, across, turn, (length * 0.98, deep * 0.9), at=deep / 2 + 0.1)
+        self.site.put(
+            make(length, height, rng),
+            along,
+            across,
+            turn,
+            (length * 0.98, deep * 0.9),
+            at=deep / 2 + 0.1,
+        )
 
     def close(self, right: float, left: float) -> None:
         """What closes the view: streets bend, and KITTI's rays meet something ahead as often as not."""
@@ -165,7 +211,12 @@ class Verge:
             along, length = rng.uniform(38, 85), rng.uniform(15, 50)
             make = roadside.building if rng.random() < 0.6 else roadside.thicket
             self.site.put(
-                make(length, rng.uniform(4, 12), rng), along, rng.normal(0, 6), -np.pi / 2, (length, 6.0), 3.0
+                make(length, rng.uniform(4, 12), rng),
+                along,
+                rng.normal(0, 6),
+                -np.pi / 2,
+                (length, 6.0),
+                3.0,
             )
         for _ in range(rng.poisson(7)):
             along, across = rng.uniform(42, 85), rng.uniform(left + 1.5, left + 30)

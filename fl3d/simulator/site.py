@@ -12,9 +12,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.simulator import people, vehicles
-from fl3d.data.simulator.solids import Float, Parts, Solids
-from fl3d.data.simulator.terrain import Ground
+from fl3d.simulator import people, vehicles
+from fl3d.simulator.solids import Float, Parts, Solids
+from fl3d.simulator.terrain import Ground
 
 Size = tuple[float, float, float]  # length, width, height
 PIECE = 5.0  # metres: fences, walls and banks come in pieces of this length
@@ -42,7 +42,9 @@ class Kind:
         """A size: length, width, height."""
         hw, hl, wl = self.correlation
         root = np.linalg.cholesky(np.array([[1, hw, hl], [hw, 1, wl], [hl, wl, 1]]))
-        h, w, length = np.array(self.mean) + np.array(self.spread) * (root @ np.clip(rng.standard_normal(3), -2.2, 2.2))
+        h, w, length = np.array(self.mean) + np.array(self.spread) * (
+            root @ np.clip(rng.standard_normal(3), -2.2, 2.2)
+        )
         return float(length), float(w), float(h)
 
 
@@ -52,7 +54,9 @@ KINDS = {
     "Truck": Kind((3.36, 2.61, 9.2), (0.3, 0.2, 1.9), (0.54, 0.6, 0.6), vehicles.truck),
     "Tram": Kind((3.53, 2.36, 15.5), (0.13, 0.12, 3.0), (-0.5, -0.5, 0.14), vehicles.tram),
     "Misc": Kind((1.9, 1.7, 3.2), (0.35, 0.3, 0.8), (0.2, 0.2, 0.6), vehicles.trailer),
-    "Pedestrian": Kind((1.77, 0.63, 0.82), (0.12, 0.12, 0.22), (0.19, 0.33, 0.08), people.pedestrian),
+    "Pedestrian": Kind(
+        (1.77, 0.63, 0.82), (0.12, 0.12, 0.22), (0.19, 0.33, 0.08), people.pedestrian
+    ),
     "Person_sitting": Kind((1.28, 0.54, 1.06), (0.08, 0.07, 0.2), (0.0, 0.3, -0.3), people.sitting),
     "Cyclist": Kind((1.72, 0.57, 1.77), (0.1, 0.12, 0.15), (0.12, 0.25, 0.47), people.cyclist),
 }
@@ -86,7 +90,14 @@ class Site:
         half_view: degrees to either side of the x axis that will be looked at; things elsewhere are left out.
     """
 
-    def __init__(self, rng: np.random.Generator, ground: Ground, heading: float, bend: float, half_view: float) -> None:
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        ground: Ground,
+        heading: float,
+        bend: float,
+        half_view: float,
+    ) -> None:
         self.rng, self.ground, self.heading, self.bend = rng, ground, heading, bend
         self.things: list[Thing] = []
         self._parts: list[Parts] = []
@@ -96,7 +107,9 @@ class Site:
         self._feet[0] = 0.0, 0.0, 6.0, 2.4, heading  # the recording car itself
         self._n_feet = 1
         self._half_view = np.deg2rad(half_view)
-        self._hidden = -1.0  # angle to either side of the x axis within which nothing is placed any more
+        self._hidden = (
+            -1.0
+        )  # angle to either side of the x axis within which nothing is placed any more
         self._raised: dict[int, tuple[float, float, float]] = {}
 
     def look_around(self, rng: np.random.Generator) -> None:
@@ -138,10 +151,17 @@ class Site:
         x, y, road = self.locate(along, across)
         wanted = KINDS[kind]
         size = wanted.draw(self.rng)
-        if not self.seen(x, y, size[0] / 2) or not self._claim(x, y, road + turn, size[0] + gap, size[1] + gap):
+        if not self.seen(x, y, size[0] / 2) or not self._claim(
+            x, y, road + turn, size[0] + gap, size[1] + gap
+        ):
             return False
         z = self._put(
-            wanted.make(self._within(kind, size), self.rng), x, y, road + turn, len(self.things), self._lift(across)
+            wanted.make(self._within(kind, size), self.rng),
+            x,
+            y,
+            road + turn,
+            len(self.things),
+            self._lift(across),
         )
         loose = self.rng.normal(0, 0.02, 3)  # annotators' hands
         at = (x + loose[0], y + loose[1], z + loose[2])
@@ -179,13 +199,17 @@ class Site:
         self._put(parts, x, y, yaw, -1, 0.0 if room is None else self._lift(across))
         return True
 
-    def free(self, along: float, across: float, turn: float, length: float, width: float, at: float = 0.0) -> bool:
+    def free(
+        self, along: float, across: float, turn: float, length: float, width: float, at: float = 0.0
+    ) -> bool:
         """Whether there is room, in view."""
         x, y, road = self.locate(along, across)
         yaw = road + turn
         x, y = x - at * float(np.sin(yaw)), y + at * float(np.cos(yaw))
         foot = np.array([x, y, length, width, yaw])
-        return self.seen(x, y, max(length, width) / 2) and not _collides(self._feet, self._n_feet, foot)
+        return self.seen(x, y, max(length, width) / 2) and not _collides(
+            self._feet, self._n_feet, foot
+        )
 
     def _claim(self, x: float, y: float, yaw: float, length: float, width: float) -> bool:
         foot = np.array([x, y, length, width, yaw])
@@ -205,7 +229,11 @@ class Site:
 
     def solids(self) -> Solids:
         """Everything, ready for rays."""
-        return Solids(np.concatenate(self._parts), np.array(self._placements), np.array(self._owners, dtype=np.int64))
+        return Solids(
+            np.concatenate(self._parts),
+            np.array(self._placements),
+            np.array(self._owners, dtype=np.int64),
+        )
 
 
 @numba.njit(cache=True)

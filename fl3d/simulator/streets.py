@@ -54,7 +54,9 @@ class Street:
     clutter: float
     trees: float
     bend: float = 0.002
-    kinds: Weights = field(default_factory=lambda: {"Car": 0.87, "Van": 0.085, "Truck": 0.03, "Misc": 0.015})
+    kinds: Weights = field(
+        default_factory=lambda: {"Car": 0.87, "Van": 0.085, "Truck": 0.03, "Misc": 0.015}
+    )
 
 
 STREETS = {
@@ -115,7 +117,14 @@ STREETS = {
         people=0.15,
         cyclists=0.15,
         front={"none": 0.35, "grass": 0.35, "rail": 0.12, "hedge": 0.1, "fence": 0.08},
-        back={"thicket": 0.35, "bushes": 0.2, "bank": 0.2, "building": 0.1, "conifers": 0.05, "none": 0.1},
+        back={
+            "thicket": 0.35,
+            "bushes": 0.2,
+            "bank": 0.2,
+            "building": 0.1,
+            "conifers": 0.05,
+            "none": 0.1,
+        },
         setback=(1.0, 6.0),
         clutter=3.0,
         trees=11.0,

@@ -11,14 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from fl3d.data.labels import Labels
-from fl3d.data.simulator.solids import Float
 from fl3d.geometry.iou import image_iou
+from fl3d.simulator.solids import Float
 
 NUMBERS = {"Pedestrian": 1, "Car": 2, "Cyclist": 3}  # as the files name classes
 LOWEST_SCORE = 0.01
 SUPPRESSED = 0.45  # overlap with a better box of its class
 LOGITS = np.array(
-    [np.log(x / (1 - x)) for x in (0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 0.95, 0.99, 0.995, 0.999, 0.9998)]
+    [
+        np.log(x / (1 - x))
+        for x in (0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 0.95, 0.99, 0.995, 0.999, 0.9998)
+    ]
 )
 
 
@@ -127,7 +130,9 @@ class ImageDetections:
     boxes: Float
 
 
-def detect_in_image(labels: Labels, image_size: tuple[int, int], rng: np.random.Generator) -> ImageDetections:
+def detect_in_image(
+    labels: Labels, image_size: tuple[int, int], rng: np.random.Generator
+) -> ImageDetections:
     """What the 2D detector would find.
 
     Args:
@@ -145,7 +150,9 @@ def detect_in_image(labels: Labels, image_size: tuple[int, int], rng: np.random.
         for other, taken_for, middle, spread in CONFUSIONS:
             if kind == other:
                 quality = float(rng.logistic(middle, spread))
-                found += _detect(MODELS[taken_for], taken_for, box, occluded, truncated, quality, rng)
+                found += _detect(
+                    MODELS[taken_for], taken_for, box, occluded, truncated, quality, rng
+                )
         if kind == "DontCare" and rng.random() < IN_DONTCARE:
             found.append(("Car", _low_score(0.12, 2.3, rng), box + rng.normal(0, 2, 4)))
     for kind, model in MODELS.items():
@@ -153,7 +160,9 @@ def detect_in_image(labels: Labels, image_size: tuple[int, int], rng: np.random.
             found.append((kind, _low_score(0.04, 1.9, rng), _false_box(model, image_size, rng)))
     kept = _suppress(found)
     boxes = np.array([np.rint(box) for _, _, box in kept]).reshape(-1, 4)
-    return ImageDetections([kind for kind, _, _ in kept], np.array([score for _, score, _ in kept]), boxes)
+    return ImageDetections(
+        [kind for kind, _, _ in kept], np.array([score for _, score, _ in kept]), boxes
+    )
 
 
 def _detect(
@@ -171,7 +180,9 @@ def _detect(
     if occluded:
         level[occluded - 1] = 1
     if quality is None:
-        terms = np.array([tall, min(tall, 0.0), min(tall + np.log(40 / 25), 0.0), *level, truncated])
+        terms = np.array(
+            [tall, min(tall, 0.0), min(tall + np.log(40 / 25), 0.0), *level, truncated]
+        )
         quality = float(np.array(model.weights) @ terms) + rng.logistic()
     if rng.random() < model.missed[occluded] or quality < model.cuts[0]:
         return []
@@ -182,13 +193,23 @@ def _detect(
     return [(kind, 1 / (1 + np.exp(-logit)), box + noise * np.tile(size, 2))]
 
 
-def _satellites(model: Model, kind: str, box: Float, rng: np.random.Generator) -> list[tuple[str, float, Float]]:
+def _satellites(
+    model: Model, kind: str, box: Float, rng: np.random.Generator
+) -> list[tuple[str, float, Float]]:
     found = []
     for _ in range(rng.poisson(model.satellites)):
         size = np.array([box[2] - box[0], box[3] - box[1]])
-        center = (box[:2] + box[2:]) / 2 + size * np.array([rng.normal(0, 0.35), rng.normal(-0.14, 0.13)])
-        half = size * np.array([0.66 * np.exp(rng.normal(0, 0.35)), 0.75 * np.exp(rng.normal(0, 0.28))]) / 2
-        found.append((kind, _low_score(0.06, 2.0, rng), np.concatenate([center - half, center + half])))
+        center = (box[:2] + box[2:]) / 2 + size * np.array(
+            [rng.normal(0, 0.35), rng.normal(-0.14, 0.13)]
+        )
+        half = (
+            size
+            * np.array([0.66 * np.exp(rng.normal(0, 0.35)), 0.75 * np.exp(rng.normal(0, 0.28))])
+            / 2
+        )
+        found.append(
+            (kind, _low_score(0.06, 2.0, rng), np.concatenate([center - half, center + half]))
+        )
     return found
 
 

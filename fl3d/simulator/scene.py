@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from fl3d.data.simulator import roadside
-from fl3d.data.simulator.hdl64 import CAMERA_VIEW
-from fl3d.data.simulator.site import FAR, PIECE, Site
-from fl3d.data.simulator.streets import STREETS, Street
-from fl3d.data.simulator.terrain import Ground, Road
-from fl3d.data.simulator.verge import Verge, pick
+from fl3d.simulator import roadside
+from fl3d.simulator.hdl64 import CAMERA_VIEW
+from fl3d.simulator.site import FAR, PIECE, Site
+from fl3d.simulator.streets import STREETS, Street
+from fl3d.simulator.terrain import Ground, Road
+from fl3d.simulator.verge import Verge, pick
 
 TRAM_SHARE = 0.04  # of the lanes of streets that may have a wide median, as city streets have
 DEEP = {0: 2.1, 45: 4.9, 90: 5.0}  # metres that a row takes, by its angle to the road in degrees
@@ -33,7 +33,13 @@ def random_scene(rng: np.random.Generator, half_view: float = CAMERA_VIEW) -> Si
         slope_y=rng.normal(-0.0091, 0.018),
         bend=rng.normal(3e-5, 1e-4),
     )
-    site = Site(rng, ground, rng.normal(0, 0.035), rng.normal(0, street.bend), min(half_view, CAMERA_VIEW) + 3)
+    site = Site(
+        rng,
+        ground,
+        rng.normal(0, 0.035),
+        rng.normal(0, street.bend),
+        min(half_view, CAMERA_VIEW) + 3,
+    )
     around = rng.spawn(1)[0]
     builder = _Builder(site, street)
     builder.fill(2.0)
@@ -60,7 +66,8 @@ class _Builder:
         self.edges = {-1: right, 1: self.middle + self.median + oncoming * self.lane}
         self.rows = {side: self._row_angle() for side in (1, -1)}
         self.kerbs = {
-            side: self.edges[side] + side * ((0.0 if angle is None else DEEP[angle]) + site.rng.uniform(0.1, 0.5))
+            side: self.edges[side]
+            + side * ((0.0 if angle is None else DEEP[angle]) + site.rng.uniform(0.1, 0.5))
             for side, angle in self.rows.items()
         }
         site.ground = replace(site.ground, road=self._road())
@@ -118,7 +125,9 @@ class _Builder:
             kind = "Tram" if tram else self._kind()
             heading = turn + self.rng.normal(0, 0.03)
             self.site.add(kind, along, across + self.rng.normal(0, 0.25), heading, gap=0.8)
-            along += (18.0 if tram else 5.5) + self.rng.exponential(gap * (1 + max(0.0, abs(along) - 25) / 25))
+            along += (18.0 if tram else 5.5) + self.rng.exponential(
+                gap * (1 + max(0.0, abs(along) - 25) / 25)
+            )
 
     def _median(self, across: float, width: float) -> None:
         if width < 1.5:
@@ -140,7 +149,9 @@ class _Builder:
                 lane_at = self.rng.choice([-1, 1])
                 heading = turn if lane_at > 0 else turn + np.pi
                 self.site.add(self._kind(), crossing + lane_at * self.lane / 2, across, heading)
-                across += side * (5.5 + self.rng.exponential(float(self.rng.choice([4.0, 15.0, 40.0]))))
+                across += side * (
+                    5.5 + self.rng.exponential(float(self.rng.choice([4.0, 15.0, 40.0])))
+                )
 
     def _row_angle(self) -> int | None:
         """Degrees between a side's parked row and the road; None where nobody parks."""
@@ -162,8 +173,12 @@ class _Builder:
                 along += self.rng.uniform(5, 40)
                 ends = along + self.rng.exponential(30) + 10
             if self.rng.random() < filled and self.verge.is_open(along, 1.0):
-                turn = way + self.rng.normal(0, 0.035) + (np.pi if self.rng.random() < 0.12 else 0.0)
-                self.site.add(self._kind(), along, across + self.rng.normal(0, jitter), turn, gap=0.3)
+                turn = (
+                    way + self.rng.normal(0, 0.035) + (np.pi if self.rng.random() < 0.12 else 0.0)
+                )
+                self.site.add(
+                    self._kind(), along, across + self.rng.normal(0, jitter), turn, gap=0.3
+                )
                 along += self.rng.exponential(0.5)
             along += step
 
@@ -183,4 +198,10 @@ class _Builder:
                 self.site.add(kind, along + 0.2 * k, across + 0.75 * k, turn, gap=0.05)
         for _ in range(self.rng.poisson(self.street.cyclists / 2 * self.verge.longer)):
             turn = self.rng.normal(0, 0.25) + (np.pi if side > 0 else 0.0)
-            self.site.add("Cyclist", self._near(2.2, 8.0), kerb - side * self.rng.uniform(-1.5, 0.9), turn, 0.05)
+            self.site.add(
+                "Cyclist",
+                self._near(2.2, 8.0),
+                kerb - side * self.rng.uniform(-1.5, 0.9),
+                turn,
+                0.05,
+            )

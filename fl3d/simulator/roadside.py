@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fl3d.data.simulator.materials import (
+from fl3d.simulator.materials import (
     ASPHALT,
     BARK,
     BRICK,
@@ -25,7 +25,7 @@ from fl3d.data.simulator.materials import (
     WOOD,
     Material,
 )
-from fl3d.data.simulator.solids import Parts, box, ellipsoid, extrusion
+from fl3d.simulator.solids import Parts, box, ellipsoid, extrusion
 
 Rng = np.random.Generator
 
@@ -37,17 +37,36 @@ def building(length: float, height: float, rng: Rng) -> Parts:
     reflectance = wall.reflectance * rng.uniform(0.6, 1.3)
     color = (min(tint[0], 1.0), min(tint[1], 1.0), min(tint[2], 1.0))
     deep = 8.0
-    parts = [box((length, deep, height), wall, at=(0.0, deep / 2, 0.0), reflectance=reflectance, color=color)]
+    parts = [
+        box(
+            (length, deep, height),
+            wall,
+            at=(0.0, deep / 2, 0.0),
+            reflectance=reflectance,
+            color=color,
+        )
+    ]
     parts.append(box((length, 0.3, rng.uniform(0.3, 1.0)), STONE, at=(0.0, -0.05, 0.0)))
     for u in np.arange(-length / 2 + 1.2, length / 2 - 0.8, rng.uniform(2.2, 3.4)):
         draw = rng.random()
         if draw < 0.55:
             parts.append(
-                box((rng.uniform(0.9, 1.6), 0.2, 1.4), GLASS, at=(u, -0.08, rng.uniform(0.9, 1.3)), opening=0.3)
+                box(
+                    (rng.uniform(0.9, 1.6), 0.2, 1.4),
+                    GLASS,
+                    at=(u, -0.08, rng.uniform(0.9, 1.3)),
+                    opening=0.3,
+                )
             )
         elif draw < 0.75:  # a bay or a porch
-            size = (rng.uniform(1.0, 2.6), rng.uniform(0.4, 1.6), rng.uniform(0.6, min(height, 5.0)))
-            parts.append(box(size, wall, at=(u, -size[1] / 2, 0.0), reflectance=reflectance, color=color))
+            size = (
+                rng.uniform(1.0, 2.6),
+                rng.uniform(0.4, 1.6),
+                rng.uniform(0.6, min(height, 5.0)),
+            )
+            parts.append(
+                box(size, wall, at=(u, -size[1] / 2, 0.0), reflectance=reflectance, color=color)
+            )
         elif draw < 0.85:  # a balcony or an awning
             parts.append(box((2.0, 1.2, 0.15), STONE, at=(u, -0.6, rng.uniform(2.3, 3.2))))
         if height > 5:
@@ -55,7 +74,12 @@ def building(length: float, height: float, rng: Rng) -> Parts:
     if rng.random() < 0.5:
         parts.append(
             extrusion(
-                ((-length / 2, height), (length / 2, height), (length / 2, height + 2.5), (-length / 2, height + 2.5)),
+                (
+                    (-length / 2, height),
+                    (length / 2, height),
+                    (length / 2, height + 2.5),
+                    (-length / 2, height + 2.5),
+                ),
                 (deep / 2 + 0.4, 0.2),
                 BRICK,
                 at=(0.0, deep / 2, 0.0),
@@ -69,7 +93,9 @@ def wall(length: float, height: float, rng: Rng) -> Parts:
     kind = STONE if rng.random() < 0.6 else BRICK
     parts = [box((length, 0.25, height), kind)]
     if rng.random() < 0.5:
-        parts += [box((0.45, 0.45, height + 0.2), kind, at=(u, 0.0, 0.0)) for u in (-length / 2, 0.0)]
+        parts += [
+            box((0.45, 0.45, height + 0.2), kind, at=(u, 0.0, 0.0)) for u in (-length / 2, 0.0)
+        ]
     return np.stack(parts)
 
 
@@ -77,7 +103,10 @@ def fence(length: float, height: float, rng: Rng) -> Parts:
     """Palings or wire between posts, on a plinth at times."""
     kind = WOOD if rng.random() < 0.5 else METAL
     parts = [box((length, 0.06, height), kind, opening=float(rng.uniform(0.4, 0.92)))]
-    parts += [box((0.12, 0.12, height + 0.1), kind, at=(u, 0.0, 0.0)) for u in (-length / 2, -length / 6, length / 6)]
+    parts += [
+        box((0.12, 0.12, height + 0.1), kind, at=(u, 0.0, 0.0))
+        for u in (-length / 2, -length / 6, length / 6)
+    ]
     if rng.random() < 0.4:
         parts.append(box((length, 0.25, 0.45), STONE))
     return np.stack(parts)
@@ -89,7 +118,11 @@ def hedge(length: float, height: float, rng: Rng) -> Parts:
     wild = rng.random() < 0.5
     parts = [box((length, deep, height * (0.75 if wild else 1.0)), THICKET)]
     for u in rng.uniform(-length / 2, length / 2, int(length) if wild else 0):
-        radii = (rng.uniform(0.4, 1.1), deep * rng.uniform(0.5, 0.9), height * rng.uniform(0.25, 0.5))
+        radii = (
+            rng.uniform(0.4, 1.1),
+            deep * rng.uniform(0.5, 0.9),
+            height * rng.uniform(0.25, 0.5),
+        )
         parts.append(ellipsoid(radii, THICKET, (float(u), 0.0, height * 0.7)))
     return np.stack(parts)
 
@@ -100,13 +133,19 @@ def tree(rng: Rng) -> Parts:
     reach = rng.uniform(0.9, 2.6)
     parts = [_trunk(thick, clear + reach)]
     parts.append(
-        ellipsoid((reach * 0.8, reach * 0.8, reach * rng.uniform(0.6, 1.1)), LEAVES, (0.0, 0.0, clear + reach))
+        ellipsoid(
+            (reach * 0.8, reach * 0.8, reach * rng.uniform(0.6, 1.1)),
+            LEAVES,
+            (0.0, 0.0, clear + reach),
+        )
     )
     for _ in range(int(rng.integers(3, 7))):  # lumps at the skin of the one in the middle
         turn, up = rng.uniform(-np.pi, np.pi), rng.uniform(-0.35, 0.9)
         r, out = reach * rng.uniform(0.35, 0.75), reach * rng.uniform(0.5, 0.9)
         at = (out * np.cos(turn), out * np.sin(turn), clear + reach * (1 + up))
-        parts.append(ellipsoid((r, r * rng.uniform(0.7, 1.2), r * rng.uniform(0.6, 1.0)), LEAVES, at))
+        parts.append(
+            ellipsoid((r, r * rng.uniform(0.7, 1.2), r * rng.uniform(0.6, 1.0)), LEAVES, at)
+        )
     return np.stack(parts)
 
 
@@ -130,8 +169,16 @@ def bush(rng: Rng) -> Parts:
     height, reach = rng.uniform(0.5, 2.6), rng.uniform(0.4, 1.9)
     parts = []
     for _ in range(int(rng.integers(2, 6))):
-        radii = (reach * rng.uniform(0.4, 0.8), reach * rng.uniform(0.4, 0.8), height * rng.uniform(0.3, 0.55))
-        at = (rng.normal(0, 0.4) * reach, rng.normal(0, 0.4) * reach, height * rng.uniform(0.3, 0.55))
+        radii = (
+            reach * rng.uniform(0.4, 0.8),
+            reach * rng.uniform(0.4, 0.8),
+            height * rng.uniform(0.3, 0.55),
+        )
+        at = (
+            rng.normal(0, 0.4) * reach,
+            rng.normal(0, 0.4) * reach,
+            height * rng.uniform(0.3, 0.55),
+        )
         parts.append(ellipsoid(radii, THICKET if rng.random() < 0.6 else LEAVES, at))
     return np.stack(parts)
 
@@ -145,7 +192,9 @@ def thicket(length: float, height: float, rng: Rng) -> Parts:
         low = rng.uniform(0.25, 0.6) * height
         parts.append(ellipsoid((r, r, height * rng.uniform(0.3, 0.5)), LEAVES, (*at, low)))
         if rng.random() < 0.5:
-            parts.append(ellipsoid((0.9, 0.7, rng.uniform(0.4, 1.1)), THICKET, (at[0], at[1] - 0.8, 0.3)))
+            parts.append(
+                ellipsoid((0.9, 0.7, rng.uniform(0.4, 1.1)), THICKET, (at[0], at[1] - 0.8, 0.3))
+            )
         if rng.random() < 0.4:
             stem = box((0.2, 0.2, height * 0.7), BARK, at=(at[0] + 0.3, at[1], 0.0))
             parts.append(stem)
@@ -157,7 +206,9 @@ def grass(length: float, height: float, rng: Rng) -> Parts:
     parts = []
     for u in np.arange(-length / 2, length / 2, 1.0):
         at = (float(u), float(rng.normal(0, 0.3)), 0.0)
-        parts.append(ellipsoid((0.8, rng.uniform(0.3, 0.9), height * rng.uniform(0.4, 1.0)), THICKET, at))
+        parts.append(
+            ellipsoid((0.8, rng.uniform(0.3, 0.9), height * rng.uniform(0.4, 1.0)), THICKET, at)
+        )
     return np.stack(parts)
 
 
@@ -165,7 +216,9 @@ def bank(length: float, height: float, rng: Rng) -> Parts:
     """A slope beside the road: 6 m deep, rising away from it."""
     half = length / 2
     slope = extrusion(
-        ((0.0, -0.3), (6.0, -0.3), (6.0, height), (0.3, 0.0)), half, GRASS if rng.random() < 0.8 else SOIL
+        ((0.0, -0.3), (6.0, -0.3), (6.0, height), (0.3, 0.0)),
+        half,
+        GRASS if rng.random() < 0.8 else SOIL,
     )
     slope[1:5] = 0.0, 0.0, 0.0, np.pi / 2  # its outline climbs along v
     return slope[None]
@@ -175,7 +228,8 @@ def guard_rail(length: float, height: float, rng: Rng) -> Parts:
     """A crash barrier on posts."""
     parts = [box((length, 0.08, 0.32), METAL, at=(0.0, 0.0, height - 0.32))]
     parts += [
-        box((0.1, 0.12, height), METAL, at=(float(u), 0.08, 0.0)) for u in np.arange(-length / 2 + 0.5, length / 2, 4.0)
+        box((0.1, 0.12, height), METAL, at=(float(u), 0.08, 0.0))
+        for u in np.arange(-length / 2 + 0.5, length / 2, 4.0)
     ]
     return np.stack(parts)
 
@@ -208,16 +262,31 @@ def cabinet(rng: Rng) -> Parts:
     """A switch box, a dustbin, a bench, a shed: about as large as parts of a car."""
     draw = rng.random()
     if draw < 0.35:
-        return np.stack([box((rng.uniform(0.5, 1.6), rng.uniform(0.35, 0.6), rng.uniform(0.8, 1.5)), METAL)])
+        return np.stack(
+            [box((rng.uniform(0.5, 1.6), rng.uniform(0.35, 0.6), rng.uniform(0.8, 1.5)), METAL)]
+        )
     if draw < 0.6:
         bins = int(rng.integers(1, 4))
-        return np.stack([box((0.6, 0.7, 1.1), TRIM, at=(0.75 * k, 0.0, 0.0), reflectance=0.2) for k in range(bins)])
+        return np.stack(
+            [
+                box((0.6, 0.7, 1.1), TRIM, at=(0.75 * k, 0.0, 0.0), reflectance=0.2)
+                for k in range(bins)
+            ]
+        )
     if draw < 0.75:
         return np.stack(
-            [box((1.7, 0.5, 0.1), WOOD, at=(0.0, 0.0, 0.4)), box((1.7, 0.1, 0.5), WOOD, at=(0.0, 0.25, 0.5))]
+            [
+                box((1.7, 0.5, 0.1), WOOD, at=(0.0, 0.0, 0.4)),
+                box((1.7, 0.1, 0.5), WOOD, at=(0.0, 0.25, 0.5)),
+            ]
         )
     if draw < 0.9:
-        return np.stack([box((1.1, 1.1, 1.2), METAL, reflectance=0.35), box((1.15, 1.15, 0.15), TRIM, at=(0, 0, 1.2))])
+        return np.stack(
+            [
+                box((1.1, 1.1, 1.2), METAL, reflectance=0.35),
+                box((1.15, 1.15, 0.15), TRIM, at=(0, 0, 1.2)),
+            ]
+        )
     return np.stack([box((rng.uniform(2, 4), rng.uniform(1.8, 3), rng.uniform(2.0, 2.6)), WOOD)])
 
 
@@ -240,7 +309,11 @@ def heap(rng: Rng) -> Parts:
     for _ in range(int(rng.integers(1, 4))):
         radii = (rng.uniform(0.5, 1.8), rng.uniform(0.5, 1.5), rng.uniform(0.3, 1.1))
         parts.append(
-            ellipsoid(radii, SOIL if rng.random() < 0.6 else THICKET, (rng.normal(0, 0.8), rng.normal(0, 0.8), 0.0))
+            ellipsoid(
+                radii,
+                SOIL if rng.random() < 0.6 else THICKET,
+                (rng.normal(0, 0.8), rng.normal(0, 0.8), 0.0),
+            )
         )
     return np.stack(parts)
 

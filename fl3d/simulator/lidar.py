@@ -5,8 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from fl3d.data.simulator.echoes import Returns, listen
-from fl3d.data.simulator.hdl64 import (
+from fl3d.simulator.echoes import Returns, listen
+from fl3d.simulator.hdl64 import (
     CAMERA_LASERS,
     CAMERA_VIEW,
     ELEVATIONS,
@@ -16,14 +16,18 @@ from fl3d.data.simulator.hdl64 import (
     ray,
     ray_azimuths,
 )
-from fl3d.data.simulator.materials import DENSITY, PATCH, ROUGH, TABLE
-from fl3d.data.simulator.noise import chance, patch_noise
-from fl3d.data.simulator.solids import FLAT, MATERIAL, PASS, Float, Int, Solids, enter_solid, hit_ground
-from fl3d.data.simulator.terrain import Ground
+from fl3d.simulator.materials import DENSITY, PATCH, ROUGH, TABLE
+from fl3d.simulator.noise import chance, patch_noise
+from fl3d.simulator.solids import FLAT, MATERIAL, PASS, Float, Int, Solids, enter_solid, hit_ground
+from fl3d.simulator.terrain import Ground
 
 
 def scan(
-    solids: Solids, n_objects: int, ground: Ground, rng: np.random.Generator, half_view: float = CAMERA_VIEW
+    solids: Solids,
+    n_objects: int,
+    ground: Ground,
+    rng: np.random.Generator,
+    half_view: float = CAMERA_VIEW,
 ) -> Returns:
     """Turn the LiDAR once.
 
@@ -81,7 +85,9 @@ def _cast(
     reach = np.full((n_rows, n_columns), 1e9)
     which = np.full((n_rows, n_columns), -1, dtype=np.int64)
     through = np.zeros((n_rows, n_columns), dtype=np.int64)
-    counted = np.zeros((n_rows, n_columns), dtype=np.uint64)  # a bit for each object (those 64 apart share one)
+    counted = np.zeros(
+        (n_rows, n_columns), dtype=np.uint64
+    )  # a bit for each object (those 64 apart share one)
     alone = np.zeros(n_objects, dtype=np.int64)
     cos_az, sin_az = np.cos(azimuths), np.sin(azimuths)
     cos_el, sin_el = np.cos(elevations), np.sin(elevations)
@@ -99,7 +105,11 @@ def _cast(
             far = max(far, np.hypot(corners[s, k, 0], corners[s, k, 1]))
         near = max(nearest[s], 0.3)
         material = int(parts[s, MATERIAL])
-        density, rough, patch = table[material, DENSITY], table[material, ROUGH], table[material, PATCH]
+        density, rough, patch = (
+            table[material, DENSITY],
+            table[material, ROUGH],
+            table[material, PATCH],
+        )
         for row in range(n_rows):
             up, down = high - heights[row], low - heights[row]
             if np.tan(elevations[row]) > up / (near if up > 0 else far) + 0.003:
@@ -108,14 +118,26 @@ def _cast(
                 continue
             for turn in range(-1, 2):  # the lasers' azimuths run a little over the whole turn
                 # the encoder's whole steps shift a column by up to one
-                first = max(0, int(np.floor((right + 2 * np.pi * turn - azimuths[row, 0]) / step)) - 1)
-                last = min(n_columns, int(np.ceil((left + 2 * np.pi * turn - azimuths[row, 0]) / step)) + 2)
+                first = max(
+                    0, int(np.floor((right + 2 * np.pi * turn - azimuths[row, 0]) / step)) - 1
+                )
+                last = min(
+                    n_columns, int(np.ceil((left + 2 * np.pi * turn - azimuths[row, 0]) / step)) + 2
+                )
                 for column in range(first, last):
                     if owners[s] < 0 and reach[row, column] < near:
                         continue
                     ray(row, column, cos_az, sin_az, cos_el, sin_el, heights, sideways, o, d)
                     met, plane = _meet(
-                        planes[s], counts[s], s, row * n_columns + column, density, parts[s, PASS], key, o, d
+                        planes[s],
+                        counts[s],
+                        s,
+                        row * n_columns + column,
+                        density,
+                        parts[s, PASS],
+                        key,
+                        o,
+                        d,
                     )
                     if met > MAX_RANGE:
                         continue
@@ -134,7 +156,15 @@ def _cast(
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
 def _meet(
-    planes: Float, count: int, s: int, number: int, density: float, opening: float, key: int, o: Float, d: Float
+    planes: Float,
+    count: int,
+    s: int,
+    number: int,
+    density: float,
+    opening: float,
+    key: int,
+    o: Float,
+    d: Float,
 ) -> tuple[float, int]:
     """Where a ray ends in a solid, and through which plane it came; 1e9 where it misses or passes."""
     enter, leave, plane = enter_solid(planes, count, o, d)

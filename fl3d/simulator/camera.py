@@ -8,19 +8,36 @@ from numpy.typing import NDArray
 
 from fl3d.data.calibration import Calibration
 from fl3d.data.kitti import IMAGE_SIZE
-from fl3d.data.simulator.light import GLASS_NUMBER, cast_shadows, ground_color, sky_color, solid_color, speckle
-from fl3d.data.simulator.materials import DENSITY, GRASS, PAVING, TABLE
-from fl3d.data.simulator.noise import chance
-from fl3d.data.simulator.solids import FLAT, MATERIAL, PASS, Float, Solids, enter_solid, hit_ground
-from fl3d.data.simulator.terrain import Ground
+from fl3d.simulator.light import (
+    GLASS_NUMBER,
+    cast_shadows,
+    ground_color,
+    sky_color,
+    solid_color,
+    speckle,
+)
+from fl3d.simulator.materials import DENSITY, GRASS, PAVING, TABLE
+from fl3d.simulator.noise import chance
+from fl3d.simulator.solids import FLAT, MATERIAL, PASS, Float, Solids, enter_solid, hit_ground
+from fl3d.simulator.terrain import Ground
 
 Image = NDArray[np.uint8]
 
 # The calibration of four fifths of KITTI's frames.
 CALIBRATION = Calibration(
-    P2=np.array([[721.5377, 0, 609.5593, 44.85728], [0, 721.5377, 172.854, 0.2163791], [0, 0, 1, 0.002745884]]),
+    P2=np.array(
+        [
+            [721.5377, 0, 609.5593, 44.85728],
+            [0, 721.5377, 172.854, 0.2163791],
+            [0, 0, 1, 0.002745884],
+        ]
+    ),
     R0_rect=np.array(
-        [[0.999924, 0.009838, -0.007445], [-0.00987, 0.999942, -0.004278], [0.007403, 0.004352, 0.999963]]
+        [
+            [0.999924, 0.009838, -0.007445],
+            [-0.00987, 0.999942, -0.004278],
+            [0.007403, 0.004352, 0.999963],
+        ]
     ),
     Tr_velo_to_cam=np.array(
         [
@@ -45,7 +62,9 @@ OTHERS = {
     ),
 }
 _TONES = (255 * np.linspace(0, 1, 2048) ** 0.8).astype(np.uint8)  # of a camera's film
-WIDEST = 1.4  # a little more than 1 / cos of the angle between the optical axis and the picture's border
+WIDEST = (
+    1.4  # a little more than 1 / cos of the angle between the optical axis and the picture's border
+)
 HAZE = 160.0  # metres, after which a third of a colour is left
 
 
@@ -58,12 +77,16 @@ def take_picture(solids: Solids, ground: Ground, rng: np.random.Generator) -> Im
         rng: where the sun stands and how bright the day is.
     """
     azimuth, height = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(25, 60))
-    sun = np.array([np.cos(azimuth) * np.cos(height), np.sin(azimuth) * np.cos(height), np.sin(height)])
+    sun = np.array(
+        [np.cos(azimuth) * np.cos(height), np.sin(azimuth) * np.cos(height), np.sin(height)]
+    )
     matrix = CALIBRATION.P2[:, :3] @ CALIBRATION.velo_to_rect
     matrix[:, 3] += CALIBRATION.P2[:, 3]
     to_velo = np.linalg.inv(matrix[:, :3])
     center = -to_velo @ matrix[:, 3]
-    shadows = cast_shadows(solids.planes, solids.counts, solids.corners, solids.parts, ground.coefficients, sun, TABLE)
+    shadows = cast_shadows(
+        solids.planes, solids.counts, solids.corners, solids.parts, ground.coefficients, sun, TABLE
+    )
     brightness = rng.uniform(0.85, 1.1)
     return _render(
         np.array([IMAGE_SIZE[1], IMAGE_SIZE[0]]),
@@ -151,13 +174,26 @@ def _render(
             elif s == -2:
                 ground_color(point, road, shadows, land, sun, color)
             else:
-                solid_color(point, s, planes[s], counts[s], int(through[v, u]), parts[s], table, sun, d, color)
+                solid_color(
+                    point,
+                    s,
+                    planes[s],
+                    counts[s],
+                    int(through[v, u]),
+                    parts[s],
+                    table,
+                    sun,
+                    d,
+                    color,
+                )
             if t < 1e8:
                 clear = np.exp(-np.hypot(point[0], point[1]) / HAZE)
                 for k in range(3):
                     color[k] = color[k] * clear + (0.78 + 0.03 * k) * (1 - clear)
             for k in range(3):
-                image[v, u, k] = tones[int((len(tones) - 1) * min(1.0, max(0.0, color[k] * brightness)))]
+                image[v, u, k] = tones[
+                    int((len(tones) - 1) * min(1.0, max(0.0, color[k] * brightness)))
+                ]
     return image
 
 

@@ -6,18 +6,28 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.simulator.materials import DENSITY, GLASS, PATCH, ROUGH
-from fl3d.data.simulator.noise import chance, smooth_noise
-from fl3d.data.simulator.solids import MATERIAL, RED, Float, enter_solid, normal_at
+from fl3d.simulator.materials import DENSITY, GLASS, PATCH, ROUGH
+from fl3d.simulator.noise import chance, smooth_noise
+from fl3d.simulator.solids import MATERIAL, RED, Float, enter_solid, normal_at
 
 AMBIENT = 0.5
-SHADOW_CELL, SHADOW_REACH, SHADOW_SIDE = 0.2, 60.0, 30.0  # metres: shadows are drawn on the ground this far
+SHADOW_CELL, SHADOW_REACH, SHADOW_SIDE = (
+    0.2,
+    60.0,
+    30.0,
+)  # metres: shadows are drawn on the ground this far
 GLASS_NUMBER = GLASS.number
 
 
 @numba.njit(cache=True, error_model="numpy")
 def cast_shadows(
-    planes: Float, counts: NDArray[np.int64], corners: Float, parts: Float, ground: Float, sun: Float, table: Float
+    planes: Float,
+    counts: NDArray[np.int64],
+    corners: Float,
+    parts: Float,
+    ground: Float,
+    sun: Float,
+    table: Float,
 ) -> NDArray[np.uint8]:
     """Cells of the ground that the sun does not reach: (along, across)."""
     rows, columns = int(SHADOW_REACH / SHADOW_CELL), int(2 * SHADOW_SIDE / SHADOW_CELL)
@@ -41,7 +51,12 @@ def cast_shadows(
                 if dark[i, j]:
                     continue
                 o[0], o[1] = (i + 0.5) * SHADOW_CELL, (j + 0.5) * SHADOW_CELL - SHADOW_SIDE
-                o[2] = ground[0] + ground[1] * o[0] + ground[2] * o[1] + ground[3] * (o[0] ** 2 + o[1] ** 2)
+                o[2] = (
+                    ground[0]
+                    + ground[1] * o[0]
+                    + ground[2] * o[1]
+                    + ground[3] * (o[0] ** 2 + o[1] ** 2)
+                )
                 enter, leave, _ = enter_solid(planes[s], counts[s], o, sun)
                 if enter < leave and leave > 0.05:
                     dark[i, j] = 0 if density > 0 and chance(3, i * columns + j, s) > 0.75 else 1
@@ -65,7 +80,9 @@ def sky_color(d: Float, color: Float) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def ground_color(point: Float, road: Float, shadows: NDArray[np.uint8], land: Float, sun: Float, color: Float) -> None:
+def ground_color(
+    point: Float, road: Float, shadows: NDArray[np.uint8], land: Float, sun: Float, color: Float
+) -> None:
     """Fill in the colour of a point on the ground: asphalt with its lines, paving or grass."""
     across = point[1] - road[0] - road[1] * point[0] - road[2] * point[0] * point[0]
     # grains of a finger's width near the camera, of a hand's far away: finer ones would only flicker
@@ -107,7 +124,10 @@ def solid_color(
     """Fill in the colour of a point on a solid."""
     nx, ny, nz = normal_at(planes, count, through, point)
     material = int(part[MATERIAL])
-    light = AMBIENT * (0.8 + 0.2 * nz) + (1 - AMBIENT) * max(0.0, nx * sun[0] + ny * sun[1] + nz * sun[2]) * 1.2
+    light = (
+        AMBIENT * (0.8 + 0.2 * nz)
+        + (1 - AMBIENT) * max(0.0, nx * sun[0] + ny * sun[1] + nz * sun[2]) * 1.2
+    )
     if table[material, DENSITY] > 0:
         light *= 0.65 + 0.6 * speckle(point, s + 1)
     elif table[material, ROUGH] > 0:

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.simulator.materials import Material
+from fl3d.simulator.materials import Material
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -88,7 +88,9 @@ def ellipsoid(
     return _made_of(row, material, reflectance, color, 0.0)
 
 
-def _made_of(row: Float, material: Material, reflectance: float | None, color: Color | None, opening: float) -> Float:
+def _made_of(
+    row: Float, material: Material, reflectance: float | None, color: Color | None, opening: float
+) -> Float:
     row[MATERIAL], row[PASS] = material.number, opening
     row[REFLECTANCE] = material.reflectance if reflectance is None else reflectance
     row[RED:] = material.color if color is None else color
@@ -134,7 +136,10 @@ def _build(parts: Float, placements: Float) -> tuple[Float, NDArray[np.int64], F
     for s in range(n):
         part, place = parts[s], placements[s]
         c, sn = np.cos(place[3]), np.sin(place[3])
-        along, across = place[4] * c + place[5] * sn, place[5] * c - place[4] * sn  # slopes along u and v
+        along, across = (
+            place[4] * c + place[5] * sn,
+            place[5] * c - place[4] * sn,
+        )  # slopes along u and v
         pc, ps = np.cos(part[YAW]), np.sin(part[YAW])
         cos, sin = c * pc - sn * ps, sn * pc + c * ps
         slope_u, slope_v = along * pc + across * ps, across * pc - along * ps
@@ -177,7 +182,11 @@ def _build(parts: Float, placements: Float) -> tuple[Float, NDArray[np.int64], F
             nu, nv = nu - nw * slope_u, nv - nw * slope_v
             nx, ny = nu * cos - nv * sin, nu * sin + nv * cos
             length = np.sqrt(nx * nx + ny * ny + nw * nw)
-            planes[s, k, 0], planes[s, k, 1], planes[s, k, 2] = nx / length, ny / length, nw / length
+            planes[s, k, 0], planes[s, k, 1], planes[s, k, 2] = (
+                nx / length,
+                ny / length,
+                nw / length,
+            )
             planes[s, k, 3] = (d + nx * x + ny * y + nw * z) / length
         for k in range(2 * MAX_POINTS):
             point = min(k // 2, m - 1)
@@ -200,10 +209,18 @@ def enter_solid(planes: Float, count: int, o: Float, d: Float) -> tuple[float, f
     if count == 0:
         cos, sin = planes[2, 0], planes[2, 1]
         px, py, pz = o[0] - planes[0, 0], o[1] - planes[0, 1], o[2] - planes[0, 2]
-        u0, v0, w0 = (px * cos + py * sin) / planes[1, 0], (py * cos - px * sin) / planes[1, 1], pz / planes[1, 2]
+        u0, v0, w0 = (
+            (px * cos + py * sin) / planes[1, 0],
+            (py * cos - px * sin) / planes[1, 1],
+            pz / planes[1, 2],
+        )
         u1, v1 = (d[0] * cos + d[1] * sin) / planes[1, 0], (d[1] * cos - d[0] * sin) / planes[1, 1]
         w1 = d[2] / planes[1, 2]
-        a, b, c = u1 * u1 + v1 * v1 + w1 * w1, u0 * u1 + v0 * v1 + w0 * w1, u0 * u0 + v0 * v0 + w0 * w0 - 1
+        a, b, c = (
+            u1 * u1 + v1 * v1 + w1 * w1,
+            u0 * u1 + v0 * v1 + w0 * w1,
+            u0 * u0 + v0 * v0 + w0 * w0 - 1,
+        )
         root = b * b - a * c
         if root <= 0:
             return 1.0, 0.0, 0
@@ -247,7 +264,13 @@ def hit_ground(ground: Float, o: Float, d: Float) -> float:
     """Where a ray meets z = g0 + g1 x + g2 y + g3 (x^2 + y^2); 1e9 where it does not."""
     a = ground[3] * (d[0] * d[0] + d[1] * d[1])
     b = ground[1] * d[0] + ground[2] * d[1] + 2 * ground[3] * (o[0] * d[0] + o[1] * d[1]) - d[2]
-    c = ground[0] + ground[1] * o[0] + ground[2] * o[1] + ground[3] * (o[0] * o[0] + o[1] * o[1]) - o[2]
+    c = (
+        ground[0]
+        + ground[1] * o[0]
+        + ground[2] * o[1]
+        + ground[3] * (o[0] * o[0] + o[1] * o[1])
+        - o[2]
+    )
     root = b * b - 4 * a * c
     if root < 0:
         return 1e9

@@ -8,11 +8,20 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.simulator.hdl64 import ELEVATIONS, MAX_RANGE, MIN_RANGE, ORIGINS, RANGE_NOISE, SIDEWAYS, is_blind, ray
-from fl3d.data.simulator.materials import DENSITY, GLOSS, LOSS, TABLE
-from fl3d.data.simulator.noise import smooth_noise
-from fl3d.data.simulator.solids import MATERIAL, REFLECTANCE, Float, Int, Solids, normal_at
-from fl3d.data.simulator.terrain import Ground
+from fl3d.simulator.hdl64 import (
+    ELEVATIONS,
+    MAX_RANGE,
+    MIN_RANGE,
+    ORIGINS,
+    RANGE_NOISE,
+    SIDEWAYS,
+    is_blind,
+    ray,
+)
+from fl3d.simulator.materials import DENSITY, GLOSS, LOSS, TABLE
+from fl3d.simulator.noise import smooth_noise
+from fl3d.simulator.solids import MATERIAL, REFLECTANCE, Float, Int, Solids, normal_at
+from fl3d.simulator.terrain import Ground
 
 FAINT = 6e-6  # reflectance x cosine / range^2 below which most echoes are lost
 DIM = 2.6e-5  # and below which they have no strength: the ground's beyond 25 m
@@ -87,7 +96,12 @@ def listen(
     n = len(alone)
     first = np.where(which >= 0, solids.owners[which], GROUND)
     seen = np.bincount(first[first >= 0], minlength=n)
-    return Returns(points, alone, seen.astype(np.int64), np.bincount(owner[owner >= 0], minlength=n).astype(np.int64))
+    return Returns(
+        points,
+        alone,
+        seen.astype(np.int64),
+        np.bincount(owner[owner >= 0], minlength=n).astype(np.int64),
+    )
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -145,7 +159,11 @@ def _listen(
                 rise = _bumps(point, road)
             else:
                 material = int(parts[s, MATERIAL])
-                reflectance, gloss, loss = parts[s, REFLECTANCE], table[material, GLOSS], table[material, LOSS]
+                reflectance, gloss, loss = (
+                    parts[s, REFLECTANCE],
+                    table[material, GLOSS],
+                    table[material, LOSS],
+                )
                 cosine = 0.7
                 if table[material, DENSITY] == 0:
                     nx, ny, nz = normal_at(planes[s], counts[s], through[row, column], point)

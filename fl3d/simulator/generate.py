@@ -20,23 +20,26 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
+from fl3d.core.errors import DataError
+from fl3d.core.files import write_atomically, write_text
+from fl3d.core.leases import leased
 from fl3d.data.calibration import write_calibration
 from fl3d.data.kitti import IMAGE_SIZE
 from fl3d.data.labels import read_labels, write_labels
-from fl3d.data.simulator import VERSION
-from fl3d.data.simulator.annotate import annotate
-from fl3d.data.simulator.camera import CALIBRATION, OTHERS, take_picture
-from fl3d.data.simulator.hdl64 import CAMERA_VIEW
-from fl3d.data.simulator.image_detector import NUMBERS, detect_in_image
-from fl3d.data.simulator.lidar import scan
-from fl3d.data.simulator.scene import random_scene
-from fl3d.errors import DataError
-from fl3d.files import write_atomically, write_text
-from fl3d.leases import leased
+from fl3d.simulator import VERSION
+from fl3d.simulator.annotate import annotate
+from fl3d.simulator.camera import CALIBRATION, OTHERS, take_picture
+from fl3d.simulator.hdl64 import CAMERA_VIEW
+from fl3d.simulator.image_detector import NUMBERS, detect_in_image
+from fl3d.simulator.lidar import scan
+from fl3d.simulator.scene import random_scene
 
 CHUNK = 8  # frames that a worker takes at a time
 FEW = 32  # frames for which starting workers does not pay
-PICTURE_SEED, DETECTIONS_SEED = 1, 2  # so that a frame's cloud is the same with or without its picture
+PICTURE_SEED, DETECTIONS_SEED = (
+    1,
+    2,
+)  # so that a frame's cloud is the same with or without its picture
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,9 @@ def write_folder(folder: Path, settings: Settings, workers: int | None = None) -
     Raises:
         DataError: the folder holds something else.
     """
-    if (folder / "manifest.json").exists() and _told(folder / "manifest.json", folder) == _tell(settings):
+    if (folder / "manifest.json").exists() and _told(folder / "manifest.json", folder) == _tell(
+        settings
+    ):
         return
     _claim(folder, settings)
     total = settings.train + settings.val
@@ -111,9 +116,15 @@ def write_folder(folder: Path, settings: Settings, workers: int | None = None) -
     ids = [f"{index:06d}" for index in range(total)]
     splits = {"train": ids[: settings.train], "val": ids[settings.train :], "trainval": ids}
     for name, own in splits.items():
-        write_text(folder / "ImageSets" / f"{name}.txt", "".join(f"{frame_id}\n" for frame_id in own))
+        write_text(
+            folder / "ImageSets" / f"{name}.txt", "".join(f"{frame_id}\n" for frame_id in own)
+        )
     for name in ("train", "val"):
-        lines = [line for frame_id in splits[name] for line in _detections(folder, settings, int(frame_id))]
+        lines = [
+            line
+            for frame_id in splits[name]
+            for line in _detections(folder, settings, int(frame_id))
+        ]
         write_text(folder / "rgb_detections" / f"rgb_detection_{name}.txt", "".join(lines))
     os.sync()  # once, and not for each of thousands of files
     write_text(folder / "manifest.json", json.dumps(_tell(settings), indent=1) + "\n")
@@ -136,7 +147,10 @@ def _claim(folder: Path, settings: Settings) -> None:
     note = folder / "settings.json"
     if note.exists():
         if (before := _told(note, folder)) != _tell(settings):
-            raise DataError(f"holds frames of other settings ({before}); give another folder, or remove it", folder)
+            raise DataError(
+                f"holds frames of other settings ({before}); give another folder, or remove it",
+                folder,
+            )
     elif (folder / "training").exists() or (folder / "manifest.json").exists():
         raise DataError("holds something that is not the simulator's; give another folder", folder)
     try:
@@ -164,7 +178,9 @@ def _written(write: partial[None], indices: list[int], workers: int | None) -> I
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     context = mp.get_context("forkserver")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with, initargs=(os.getpid(),))
+    pool = ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_end_with, initargs=(os.getpid(),)
+    )
     try:
         yield pool
     finally:
@@ -200,9 +216,13 @@ def _write_frame(folder: Path, settings: Settings, index: int) -> None:
     training, name = folder / "training", f"{index:06d}"
     _write_bytes(training / "velodyne" / f"{name}.bin", returns.points_velo.tobytes())
     calib = training / "calib" / f"{name}.txt"
-    write_atomically(calib, partial(write_calibration, calibration=CALIBRATION, others=OTHERS), flush=False)
+    write_atomically(
+        calib, partial(write_calibration, calibration=CALIBRATION, others=OTHERS), flush=False
+    )
     if settings.pictures:
-        picture = take_picture(solids, site.ground, np.random.default_rng([settings.seed, index, PICTURE_SEED]))
+        picture = take_picture(
+            solids, site.ground, np.random.default_rng([settings.seed, index, PICTURE_SEED])
+        )
         encoded = io.BytesIO()
         Image.fromarray(picture).save(encoded, "PNG", compress_level=1)
         _write_bytes(training / "image_2" / f"{name}.png", encoded.getvalue())
