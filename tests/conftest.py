@@ -8,7 +8,9 @@ import torch
 from hypothesis import settings
 
 torch.set_num_threads(1)
-settings.register_profile("fl3d", deadline=None, derandomize=True)  # compilation is slow once; CI must repeat
+settings.register_profile(
+    "fl3d", deadline=None, derandomize=True
+)  # compilation is slow once; CI must repeat
 settings.load_profile("fl3d")
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -38,6 +40,6 @@ def eval_cases() -> Path:
 @pytest.fixture(scope="session")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small simulated KITTI folder: 6 training and 4 validation frames."""
-    from fl3d.data.simulator.generate import Settings, generate
+    from fl3d.simulator.generate import Settings, generate
 
     return generate(tmp_path_factory.mktemp("simulated"), Settings(6, 4, seed=3))

@@ -34,13 +34,23 @@ class HeightMap(Detector):
     STAGES = ("warmup", "focal", "scratch")
 
     def __init__(
-        self, loss: DetectionLoss, range_velo: Sequence[float], cell: float, width: int, targets: TargetRule
+        self,
+        loss: DetectionLoss,
+        range_velo: Sequence[float],
+        cell: float,
+        width: int,
+        targets: TargetRule,
     ) -> None:
         super().__init__()
         self.detection_loss, self.targets = loss, targets
         self.grid = Grid(range_velo, (cell, cell, range_velo[5] - range_velo[2]))
         self.cell = cell
-        layers = [nn.Conv2d(1, width, 5, 1, 2), nn.ReLU(), nn.Conv2d(width, width, 5, 1, 2), nn.ReLU()]
+        layers = [
+            nn.Conv2d(1, width, 5, 1, 2),
+            nn.ReLU(),
+            nn.Conv2d(width, width, 5, 1, 2),
+            nn.ReLU(),
+        ]
         self.network = nn.Sequential(*layers, nn.Conv2d(width, 8, 1))
 
     def _cells(self, places: np.ndarray) -> np.ndarray:
@@ -53,7 +63,9 @@ class HeightMap(Detector):
         points = frame.points_velo[self.grid.inside(frame.points_velo)]
         heights = np.zeros(self.grid.shape[1:], dtype=np.float32)
         cells = self._cells(points)
-        np.maximum.at(heights, (cells[:, 0], cells[:, 1]), points[:, 2] - self.grid.low[2].astype(np.float32))
+        np.maximum.at(
+            heights, (cells[:, 0], cells[:, 1]), points[:, 2] - self.grid.low[2].astype(np.float32)
+        )
         sample: Sample = {"heights": heights}
         if training:
             boxes = self.targets.boxes_velo(frame)

@@ -2,8 +2,9 @@
 
     python -m tests.kill_campaign --kills 30 --seed 0
 
-Each kill is a SIGKILL of a worker (or their fork server), of the parent, or of all at once; then the same command goes
-on. At the end the tables must be those of an undisturbed sweep to the byte, and the store must hold each score once.
+Each kill is a SIGKILL of a worker (or their fork server), of the parent, or of all at once; then
+the same command resumes the sweep. At the end the tables must be those of an undisturbed sweep to
+the byte, and the store must hold each score once.
 """
 
 from __future__ import annotations
@@ -28,18 +29,23 @@ VICTIMS = ("worker", "parent", "all")
 def command(work: Path) -> list[str]:
     """A sweep of four trials."""
     places = [f"store.root={work}/runs", f"results={work}/results", f"data.root={work}/data"]
-    return [sys.executable, "-m", "fl3d", "-m", "+sweep=gamma", "profile=tiny", "loss.gamma=0,2", *places]
+    words = ["+sweep=gamma", "profile=tiny", "loss.gamma=0,2", *places]
+    return [sys.executable, "-m", "fl3d", "-m", *words]
 
 
 def results(work: Path) -> dict[str, bytes]:
     """Every file of the results folder."""
     folder = work / "results"
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
 
 
 def checkpoints(work: Path) -> set[str]:
     """Checkpoints that are whole."""
-    return {f"{p.parts[-3]}/{p.stem}" for p in (work / "runs" / "stages").glob("*/checkpoints/*.json")}
+    return {
+        f"{p.parts[-3]}/{p.stem}" for p in (work / "runs" / "stages").glob("*/checkpoints/*.json")
+    }
 
 
 def doubled_or_lost(work: Path) -> list[str]:
@@ -56,13 +62,15 @@ def doubled_or_lost(work: Path) -> list[str]:
         for checkpoint in checkpoints(work):
             stage, step = checkpoint.split("/")
             if stage in stages.split():
-                wrong += [f"{checkpoint} {key} is missing" for key in keys if (stages, int(step), key) not in found]
+                lost = [key for key in keys if (stages, int(step), key) not in found]
+                wrong += [f"{checkpoint} {key} is missing" for key in lost]
     return wrong
 
 
 def members(group: int) -> list[int]:
     """Processes of a group."""
-    done = subprocess.run(["pgrep", "-g", str(group)], capture_output=True, text=True, check=False)
+    command = ["pgrep", "-g", str(group)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     return [int(pid) for pid in done.stdout.split()]
 
 
@@ -79,7 +87,9 @@ def kill(process: subprocess.Popen[bytes], victim: str, rng: random.Random) -> N
 
 def campaign(work: Path, kills: int, seed: int) -> list[str]:
     """Run a sweep under kills; returns what went wrong."""
-    rng, wrong, done = random.Random(seed), [], 0
+    rng = random.Random(seed)
+    wrong: list[str] = []
+    done = 0
     process: subprocess.Popen[bytes] | None = None
     seen: set[str] = set()
     while True:
@@ -87,7 +97,9 @@ def campaign(work: Path, kills: int, seed: int) -> list[str]:
             if process is not None and process.returncode == 0 and done >= kills:
                 return wrong
             log = (work / "log.txt").open("ab")
-            process = subprocess.Popen(command(work), cwd=ROOT, stdout=log, stderr=log, start_new_session=True)
+            process = subprocess.Popen(
+                command(work), cwd=ROOT, stdout=log, stderr=log, start_new_session=True
+            )
         if done >= kills:
             process.wait(timeout=600)
             continue
@@ -116,14 +128,18 @@ def _compare(work: Path) -> list[str]:
         whole.mkdir()
         (whole / "data").symlink_to(work / "data")
         subprocess.run(command(whole), cwd=ROOT, check=True, capture_output=True, timeout=900)
-    expected, found = results(whole), results(work)
-    wrong = [f"{name} differs" for name in sorted({*expected, *found}) if expected.get(name) != found.get(name)]
+    expected = results(whole)
+    found = results(work)
+    names = sorted({*expected, *found})
+    wrong = [f"{name} differs" for name in names if expected.get(name) != found.get(name)]
     return wrong + doubled_or_lost(work)
 
 
 def main() -> None:
     """Run the campaign from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kills", type=int, default=30)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--work", type=Path, help="folder to work in; default: a temporary one")

@@ -1,16 +1,19 @@
 """A sweep small enough for a test: six frames, two steps an epoch."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-from fl3d.config import compose_config
-from fl3d.pipeline import Sweep
-from fl3d.records import StagePaths
+from fl3d.config.compose import compose_config
+from fl3d.core.records import Config
+from fl3d.runs.layout import RunFolder
+from fl3d.store.base import Store
+from fl3d.store.memory import MemoryStore
+from fl3d.sweep.launchers.base import Launcher
 from fl3d.sweep.launchers.inline import InlineLauncher
 from fl3d.sweep.plan import Plan
-from fl3d.sweep.sweepers.base import Point
-from fl3d.sweep.sweepers.grid import Listed
+from fl3d.sweep.run import Prepared, Ran, machine, prepare_sweep, run_sweep
+from fl3d.sweep.scheduler import Outcome, Scheduler
+from fl3d.sweep.sweepers.grid import Listed, point_of
 
 SMALL = (
     "profile=tiny",
@@ -22,29 +25,82 @@ SMALL = (
 )
 
 
-def small_config(simulated: Path, root: Path, *overrides: str) -> dict[str, Any]:
+def small_config(simulated: Path, root: Path, *overrides: str) -> Config:
     """A resolved config over the simulated fixture, with its store below ``root``."""
-    places = [f"data.root={simulated}", f"store.root={root / 'runs'}", f"results={root / 'results'}"]
+    places = [
+        f"data.root={simulated}",
+        f"store.root={root / 'runs'}",
+        f"results={root / 'results'}",
+    ]
     return compose_config([*SMALL, *places, *overrides])
 
 
-def small_sweep(simulated: Path, root: Path, points: Sequence[Sequence[str]], *common: str) -> Sweep:
-    """A sweep over points, each a list of overrides."""
-    listed = [Point(tuple(point), small_config(simulated, root, *common, *point)) for point in points]
-    return Sweep(Listed(listed), say=lambda line: None)
+def small_sweep(
+    simulated: Path, root: Path, points: Sequence[Sequence[str]], *common: str
+) -> Prepared:
+    """A planned sweep over points, each a list of overrides."""
+    listed = [point_of(point, small_config(simulated, root, *common, *point)) for point in points]
+    return prepare_sweep(Listed(listed))
+
+
+def run_small(
+    prepared: Prepared, launcher: Launcher | None = None, store: Store | None = None
+) -> Ran:
+    """Run a sweep without a word, by default in this process and with its scores in memory.
+
+    Raises:
+        StageFailed: a stage failed.
+    """
+    ran = run_sweep(
+        prepared,
+        launcher or InlineLauncher(),
+        store or MemoryStore(prepared.settings.store.root),
+        say=lambda line: None,
+    )
+    ran.outcome.check()
+    return ran
+
+
+def drive(
+    scheduler: Scheduler, plan: Plan, tick: Callable[[Plan], Plan] = lambda plan: plan
+) -> Outcome:
+    """The loop of a sweep, without sweeper and store.
+
+    Args:
+        scheduler: of the plan.
+        plan: its stages.
+        tick: called after each step; returns the plan, grown or as it was.
+    """
+    try:
+        while True:
+            scheduler.step(plan)
+            plan = tick(plan)
+            if scheduler.is_idle(plan):
+                return scheduler.outcome
+    finally:
+        scheduler.close()
+
+
+def train_stages(prepared: Prepared) -> Outcome:
+    """Train the stages of a sweep in this process; nothing is logged, and all weights are kept.
+
+    Raises:
+        StageFailed: a stage failed.
+    """
+    scheduler = Scheduler(machine(prepared), InlineLauncher(), prepared.layout)
+    outcome = drive(scheduler, prepared.plan)
+    outcome.check()
+    return outcome
 
 
 def train(simulated: Path, root: Path, *points: Sequence[str]) -> tuple[Plan, Path]:
-    """Train the stages of a small sweep in this process, without a store: its plan and the folder of its stages."""
-    sweep = small_sweep(simulated, root, points)
-    sweep.scheduler(InlineLauncher()).run().check()
-    return sweep.plan, sweep.stages_root
+    """Train a small sweep as ``train_stages`` does: its plan and the folder of its stages."""
+    prepared = small_sweep(simulated, root, points)
+    train_stages(prepared)
+    return prepared.plan, prepared.layout.stages
 
 
-def last_weights(stages_root: Path, key: str) -> bytes:
+def last_weights(stages: Path, key: str) -> bytes:
     """Bytes of a stage's last checkpoint."""
-    paths = StagePaths(stages_root / key)
-    return paths.weights(paths.steps()[-1]).read_bytes()
-
-
-__all__ = ["SMALL", "last_weights", "small_config", "small_sweep", "train"]
+    folder = RunFolder(stages / key)
+    return folder.weights(folder.steps()[-1]).read_bytes()

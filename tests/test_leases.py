@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from fl3d import leases
-from fl3d.errors import StoreError
-from fl3d.leases import Holder, holder_of, leased
+from fl3d.core import leases
+from fl3d.core.errors import StoreError
+from fl3d.core.leases import Holder, holder_of, leased
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from fl3d.leases import leased
+from fl3d.core.leases import leased
 with leased(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
@@ -36,7 +36,10 @@ def other_machine(path: Path, age: float) -> Holder:
 def test_a_lease_is_held_by_one_and_given_back(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "lease"
     with leased(path):
-        with pytest.raises(StoreError, match=f"in use by process {os.getpid()} on"), leased(path, wait=False):
+        with (
+            pytest.raises(StoreError, match=f"in use by process {os.getpid()} on"),
+            leased(path, wait=False),
+        ):
             pass
         assert holder_of(path) is not None
     assert holder_of(path) is None
@@ -46,7 +49,9 @@ def test_a_lease_is_held_by_one_and_given_back(tmp_path: Path) -> None:
 
 def test_the_lease_of_a_killed_process_ends_at_once(tmp_path: Path) -> None:
     path = tmp_path / "lease"
-    process = subprocess.Popen([sys.executable, "-c", HOLD, str(path)], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(path)], stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout is not None
     assert process.stdout.readline() == "held\n"
     holder = holder_of(path)
@@ -76,7 +81,9 @@ def test_another_machines_lease_ends_when_it_is_not_renewed(tmp_path: Path) -> N
     assert holder_of(path) is None
 
 
-def test_a_lease_is_renewed_while_it_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lease_is_renewed_while_it_is_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(leases, "RENEW_SECONDS", 0.02)
     path = tmp_path / "lease"
     with leased(path):
@@ -87,7 +94,9 @@ def test_a_lease_is_renewed_while_it_is_held(tmp_path: Path, monkeypatch: pytest
             time.sleep(0.01)
 
 
-def test_a_holder_that_slept_too_long_finds_out_and_leaves_the_new_one_alone(tmp_path: Path) -> None:
+def test_a_holder_that_slept_too_long_finds_out_and_leaves_the_new_one_alone(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "lease"
     with leased(path) as lease:
         newer = other_machine(path, age=0)
@@ -101,7 +110,7 @@ def test_many_who_ask_at_once_hold_it_one_after_another(tmp_path: Path) -> None:
     counter = tmp_path / "counter"
     counter.write_text("0")
     code = (
-        "import sys, fl3d.leases as leases; from pathlib import Path; leases.POLL_SECONDS = 0.01\n"
+        "import sys, fl3d.core.leases as leases; from pathlib import Path; leases.POLL_SECONDS = 0.01\n"
         "counter = Path(sys.argv[1])\n"
         "for _ in range(5):\n"
         "    with leases.leased(counter.with_name('lease')):\n"

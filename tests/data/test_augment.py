@@ -1,4 +1,4 @@
-"""Augmentation: what moves moves together, and objects that are put in stand on the road and apart."""
+"""Augmentation: what moves moves together, and objects that are pasted in stand on the road and apart."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fl3d.core.errors import ConfigError, DataError
 from fl3d.data.augment import Augmentation, ObjectSampling
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import Frame, KittiFolder
 from fl3d.data.road import fit_road, read_plane, road_height
-from fl3d.errors import ConfigError, DataError
 from fl3d.geometry.boxes import count_points_inside, rectangles_velo
 from fl3d.geometry.iou import bev_iou
 
@@ -38,7 +38,9 @@ def test_nothing_asked_nothing_changed(frames: Frames) -> None:
     np.testing.assert_allclose(found.labels.boxes_cam, frames[0].labels.boxes_cam, atol=1e-9)
 
 
-@pytest.mark.parametrize("change", [Augmentation(1.0, 0, 0), Augmentation(0, 45, 0), Augmentation(0, 0, 0.2)])
+@pytest.mark.parametrize(
+    "change", [Augmentation(1.0, 0, 0), Augmentation(0, 45, 0), Augmentation(0, 0, 0.2)]
+)
 def test_points_stay_in_their_boxes(frames: Frames, change: Augmentation) -> None:
     for index in range(3):
         before, after = frames[index], change(frames, index, rng(index))
@@ -60,7 +62,9 @@ def test_objects_put_in_hold_their_points_stand_apart_and_on_the_road(frames: Fr
         before, after = frames[index], change(frames, index, rng(index))
         n = len(before.labels)
         assert (after.labels.types[:n] == before.labels.types).all()
-        boxes = after.calibration.boxes_to_velo(after.labels.boxes_cam[after.labels.types != "DontCare"])
+        boxes = after.calibration.boxes_to_velo(
+            after.labels.boxes_cam[after.labels.types != "DontCare"]
+        )
         new = after.calibration.boxes_to_velo(after.labels.boxes_cam[n:])
         added += len(new)
         assert (count_points_inside(after.points_velo, new) >= OBJECTS.min_points - 1).all()
@@ -80,11 +84,30 @@ def test_same_randomness_same_frame_whatever_was_asked_before(frames: Frames) ->
     np.testing.assert_array_equal(a.labels.boxes_cam, b.labels.boxes_cam)
 
 
+@pytest.mark.parametrize(
+    ("change", "outcomes"),
+    [
+        (Augmentation(0.5, 0, 0), 2),  # flipped or not
+        (Augmentation(0, 10, 0), 8),
+        (Augmentation(0, 0, 0.05), 8),
+        (Augmentation(0, 0, 0, OBJECTS), 8),
+    ],
+    ids=["flip", "turn", "scale", "objects"],
+)
+def test_other_randomness_other_frame(frames: Frames, change: Augmentation, outcomes: int) -> None:
+    """Each change alone, under eight seeds: as many different points and boxes as it can make."""
+    changed = [change(frames, 0, rng(seed)) for seed in range(8)]
+    assert len({frame.points_velo.tobytes() for frame in changed}) == outcomes
+    assert len({frame.labels.boxes_cam.tobytes() for frame in changed}) == outcomes
+
+
 def test_the_road_is_found_below_clutter() -> None:
     r = rng()
     ground = np.column_stack([r.uniform(0, 70, 3000), r.uniform(-30, 30, 3000), np.zeros(3000)])
     ground[:, 2] = 0.01 * ground[:, 0] - 0.005 * ground[:, 1] - 1.7 + r.normal(0, 0.02, 3000)
-    clutter = np.column_stack([r.uniform(0, 70, 1500), r.uniform(-30, 30, 1500), r.uniform(-1.4, 2, 1500)])
+    clutter = np.column_stack(
+        [r.uniform(0, 70, 1500), r.uniform(-30, 30, 1500), r.uniform(-1.4, 2, 1500)]
+    )
     found = fit_road(np.concatenate([ground, clutter]))
     assert np.abs(found - [0.01, -0.005, -1.7])[:2].max() < 0.002
     assert abs(found[2] + 1.7) < 0.05
@@ -119,4 +142,6 @@ def test_objects_outside_the_range_and_with_few_points_are_not_taken(frames: Fra
     kept = [one for i in range(len(frames)) for one in near.objects(frames[i])]
     assert len(kept) == sum(one.box_velo[0] < 15 for one in every)
     full = replace(OBJECTS, min_points=200)
-    assert all(len(one.points_velo) >= 200 for i in range(len(frames)) for one in full.objects(frames[i]))
+    assert all(
+        len(one.points_velo) >= 200 for i in range(len(frames)) for one in full.objects(frames[i])
+    )

@@ -1,17 +1,18 @@
 """Reading and writing KITTI, real and broken."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
+from fl3d.core.errors import DataError
 from fl3d.data.calibration import Calibration, read_calibration, write_calibration
 from fl3d.data.dataset import Frames, TargetRule, epoch_order, subset
 from fl3d.data.kitti import KittiFolder, read_cloud
 from fl3d.data.labels import read_labels, write_labels
-from fl3d.errors import DataError
 
 LINE = "Car 0.00 0 1.55 614.24 181.78 727.31 284.77 1.57 1.73 4.15 1.00 1.75 13.22 1.62\n"
 
@@ -27,24 +28,34 @@ def test_a_label_line_is_read_field_by_field(tmp_path: Path) -> None:
 
 
 def test_the_same_frames_split_elsewhere_are_other_data(simulated: Path) -> None:
-    from fl3d.data.prepare import prepare_data
+    from fl3d.config.settings import read_settings
+    from fl3d.sweep.prepare import prepare_data
 
-    data = compose_config([f"data.root={simulated}", "data.generate=false", "data.train_frames=null"])["data"]
-    whole = prepare_data(data | {"val_frames": None}).digest
-    assert prepare_data(data | {"val_frames": None, "val_split": "train", "train_split": "val"}).digest != whole
+    words = ["data.generate=false", "data.train_frames=null", "data.val_frames=null"]
+    data = read_settings(compose_config([f"data.root={simulated}", *words])).data
+    turned = replace(data, train_split=data.val_split, val_split=data.train_split)
+    assert prepare_data(turned).digest != prepare_data(data).digest
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (LINE.replace("1.57", "-1.57"), "000000.txt:1: field 'height, width, length' must be above 0"),
-        (LINE.replace("Car 0.00 0", "Car 0.00 7"), "000000.txt:1: field 'occluded' must be 0, 1, 2 or 3"),
+        (
+            LINE.replace("1.57", "-1.57"),
+            "000000.txt:1: field 'height, width, length' must be above 0",
+        ),
+        (
+            LINE.replace("Car 0.00 0", "Car 0.00 7"),
+            "000000.txt:1: field 'occluded' must be 0, 1, 2 or 3",
+        ),
         (LINE + "Car 0.00 0 1.55 614.24\n", "000000.txt:2: 15 fields expected, found 5"),
         (LINE.replace("13.22", "nan"), "000000.txt:1: field 'z': 'nan' is not finite"),
         (LINE.replace("1.57", "tall"), "000000.txt:1: field 'height': 'tall' is not a number"),
     ],
 )
-def test_a_malformed_label_names_file_line_and_field(tmp_path: Path, text: str, message: str) -> None:
+def test_a_malformed_label_names_file_line_and_field(
+    tmp_path: Path, text: str, message: str
+) -> None:
     path = tmp_path / "000000.txt"
     path.write_text(text)
     with pytest.raises(DataError, match=message):
@@ -112,7 +123,9 @@ def test_boxes_survive_the_way_to_the_lidar_and_back(kitti_sample: Path) -> None
 
 def test_calibration_files_read_back(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    calibration = Calibration(rng.normal(size=(3, 4)), rng.normal(size=(3, 3)), rng.normal(size=(3, 4)))
+    calibration = Calibration(
+        rng.normal(size=(3, 4)), rng.normal(size=(3, 3)), rng.normal(size=(3, 4))
+    )
     write_calibration(tmp_path / "c.txt", calibration)
     back = read_calibration(tmp_path / "c.txt")
     np.testing.assert_allclose(back.P2, calibration.P2, rtol=1e-12)
@@ -121,7 +134,12 @@ def test_calibration_files_read_back(tmp_path: Path) -> None:
 
 def test_real_splits_have_the_papers_sizes(kitti_sample: Path) -> None:
     folder = KittiFolder(kitti_sample)
-    assert [len(folder.split(name)) for name in ("train", "val", "sample_train", "sample_val")] == [3712, 3769, 22, 10]
+    assert [len(folder.split(name)) for name in ("train", "val", "sample_train", "sample_val")] == [
+        3712,
+        3769,
+        22,
+        10,
+    ]
 
 
 def test_real_cars_hold_points_of_their_cloud(kitti_sample: Path) -> None:
@@ -139,7 +157,9 @@ def test_real_cars_hold_points_of_their_cloud(kitti_sample: Path) -> None:
 
 def test_the_crop_keeps_what_the_camera_sees(kitti_sample: Path) -> None:
     """About 18.7 thousand of 120 thousand points."""
-    whole, seen = (KittiFolder(kitti_sample, crop=crop).frame("000010") for crop in ("none", "image"))
+    whole, seen = (
+        KittiFolder(kitti_sample, crop=crop).frame("000010") for crop in ("none", "image")
+    )
     assert 100_000 < len(whole.points_velo) < 130_000
     assert 12_000 < len(seen.points_velo) < 25_000
     assert (seen.points_velo[:, 0] > 0).all()
@@ -148,12 +168,17 @@ def test_the_crop_keeps_what_the_camera_sees(kitti_sample: Path) -> None:
 def test_boxes_with_fewer_than_ten_points_are_no_targets(simulated: Path) -> None:
     folder = KittiFolder(simulated)
     frames = [folder.frame(i) for i in folder.split("train")]
-    counts = {n: sum(len(TargetRule(min_points=n).boxes_velo(f)) for f in frames) for n in (0, 9, 10, 11)}
+    counts = {
+        n: sum(len(TargetRule(min_points=n).boxes_velo(f)) for f in frames) for n in (0, 9, 10, 11)
+    }
     assert counts[0] > counts[9] >= counts[10] >= counts[11] > 0
 
 
 def test_the_mean_calibration_replaces_every_frames_own(kitti_sample: Path) -> None:
-    own, mean = (KittiFolder(kitti_sample, calibration=kind).read_calibration("000003") for kind in ("frame", "mean"))
+    own, mean = (
+        KittiFolder(kitti_sample, calibration=kind).read_calibration("000003")
+        for kind in ("frame", "mean")
+    )
     assert not np.array_equal(own.P2, mean.P2)
     np.testing.assert_allclose(own.P2, mean.P2, atol=5)
 
@@ -168,7 +193,9 @@ def test_the_digest_knows_content_not_place(simulated: Path, tmp_path: Path) -> 
     picture = copy / "training" / "image_2" / f"{ids[0]}.png"
     picture.parent.mkdir()
     Image.new("RGB", (1224, 370)).save(picture)
-    assert KittiFolder(copy).digest(ids) != KittiFolder(simulated).digest(ids)  # another size crops otherwise
+    assert KittiFolder(copy).digest(ids) != KittiFolder(simulated).digest(
+        ids
+    )  # another size crops otherwise
     picture.unlink()
     label = copy / "training" / "label_2" / f"{ids[0]}.txt"
     label.write_text(label.read_text() + LINE)

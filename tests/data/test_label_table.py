@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fl3d.core.errors import DataError
 from fl3d.data.label_table import NAMES, OTHER, read_table, table_from_labels
 from fl3d.data.labels import read_labels
-from fl3d.errors import DataError
 
 LINE = "Car 0.00 0 1.55 614.24 181.78 727.31 284.77 1.57 1.73 4.15 1.00 1.75 13.22 1.62"
 
@@ -22,7 +22,9 @@ def write(folder: Path, *texts: str) -> list[str]:
 
 
 def test_frames_lines_and_types(tmp_path: Path) -> None:
-    ids = write(tmp_path, f"{LINE}\n{LINE.replace('Car', 'vAn')}\n", "", f"\n{LINE.replace('Car', 'Boat')}")
+    ids = write(
+        tmp_path, f"{LINE}\n{LINE.replace('Car', 'vAn')}\n", "", f"\n{LINE.replace('Car', 'Boat')}"
+    )
     table = read_table(tmp_path, ids, scored=False)
     assert table.offsets.tolist() == [0, 2, 2, 3]
     assert table.types.tolist() == [NAMES.index("car"), NAMES.index("van"), OTHER]
@@ -31,14 +33,17 @@ def test_frames_lines_and_types(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=15, max_size=15))
-def test_every_number_is_read_exactly(tmp_path_factory: pytest.TempPathFactory, numbers: list[float]) -> None:
+def test_every_number_is_read_exactly(
+    tmp_path_factory: pytest.TempPathFactory, numbers: list[float]
+) -> None:
     folder = tmp_path_factory.mktemp("numbers")
     ids = write(folder, "Car " + " ".join(repr(v) for v in numbers))
     assert read_table(folder, ids, scored=True).values[0].tolist() == numbers
 
 
 @pytest.mark.parametrize(
-    "text", ["1", "-1", "+1.5", ".5", "5.", "-.25", "0001.50", "1e3", "-2.5E-4", "123456789012345678"]
+    "text",
+    ["1", "-1", "+1.5", ".5", "5.", "-.25", "0001.50", "1e3", "-2.5E-4", "123456789012345678"],
 )
 def test_every_spelling_of_a_number_is_read(tmp_path: Path, text: str) -> None:
     ids = write(tmp_path, LINE.replace("13.22", text))
@@ -60,7 +65,9 @@ def test_every_spelling_of_a_number_is_read(tmp_path: Path, text: str) -> None:
         (LINE.replace("614.24", "6é"), "000001.txt:2: field 'x1'"),
     ],
 )
-def test_a_malformed_line_names_file_line_and_field(tmp_path: Path, line: str, message: str) -> None:
+def test_a_malformed_line_names_file_line_and_field(
+    tmp_path: Path, line: str, message: str
+) -> None:
     ids = write(tmp_path, LINE, f"{LINE}\n{line}\n")
     with pytest.raises(DataError, match=message.replace(".", r"\.")):
         read_table(tmp_path, ids, scored=False)
@@ -74,7 +81,8 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 def test_it_agrees_with_the_plain_reader(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     texts = [
-        "".join(f"Car {' '.join(f'{v:.{p}f}' for v in rng.normal(0, 50, 15))}\n" for _ in range(4)) for p in (0, 2, 18)
+        "".join(f"Car {' '.join(f'{v:.{p}f}' for v in rng.normal(0, 50, 15))}\n" for _ in range(4))
+        for p in (0, 2, 18)
     ]
     ids = write(tmp_path, *texts)
     plain = table_from_labels([read_labels(tmp_path / f"{i}.txt", scored=True) for i in ids])

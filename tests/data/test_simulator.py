@@ -5,22 +5,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fl3d.core.errors import DataError
 from fl3d.data.kitti import IMAGE_SIZE, KittiFolder
 from fl3d.data.labels import TYPES
-from fl3d.data.simulator.annotate import annotate, things_boxes
-from fl3d.data.simulator.camera import CALIBRATION, take_picture
-from fl3d.data.simulator.echoes import Returns
-from fl3d.data.simulator.generate import Settings, generate, write_folder
-from fl3d.data.simulator.hdl64 import CAMERA_VIEW, ELEVATIONS, ORIGINS
-from fl3d.data.simulator.lidar import scan
-from fl3d.data.simulator.materials import LEAVES, STONE
-from fl3d.data.simulator.scene import random_scene
-from fl3d.data.simulator.site import Site
-from fl3d.data.simulator.solids import Parts, Solids, box, ellipsoid, extrusion
-from fl3d.data.simulator.streets import STREETS
-from fl3d.data.simulator.terrain import Ground
-from fl3d.errors import DataError
 from fl3d.geometry.boxes import count_points_inside
+from fl3d.simulator.annotate import annotate, things_boxes
+from fl3d.simulator.camera import CALIBRATION, take_picture
+from fl3d.simulator.echoes import Returns
+from fl3d.simulator.generate import Settings, generate, write_folder
+from fl3d.simulator.hdl64 import CAMERA_VIEW, ELEVATIONS, ORIGINS
+from fl3d.simulator.lidar import scan
+from fl3d.simulator.materials import LEAVES, STONE
+from fl3d.simulator.scene import random_scene
+from fl3d.simulator.site import Site
+from fl3d.simulator.solids import Parts, Solids, box, ellipsoid, extrusion
+from fl3d.simulator.streets import STREETS
+from fl3d.simulator.terrain import Ground
 
 GROUND = Ground(-1.73)
 
@@ -28,7 +28,9 @@ GROUND = Ground(-1.73)
 def solids(*placed: tuple[Parts, tuple[float, float, float], int]) -> Solids:
     """Solids of parts, where each stands (heading 0) and which object owns it."""
     places = np.array([[*at, 0.0, 0.0, 0.0] for _, at, _ in placed])
-    return Solids(np.stack([part for part, _, _ in placed]), places, np.array([owner for *_, owner in placed]))
+    return Solids(
+        np.stack([part for part, _, _ in placed]), places, np.array([owner for *_, owner in placed])
+    )
 
 
 def look(scene: Solids, n_objects: int = 0, ground: Ground = GROUND) -> Returns:
@@ -58,9 +60,14 @@ def test_same_settings_same_bytes_whatever_the_workers_and_interruptions(tmp_pat
     assert (cut / "training/label_2/000008.txt").stat().st_mtime_ns == kept
 
 
-def test_another_seed_gives_other_frames_and_more_frames_begin_with_the_same(tmp_path: Path) -> None:
+def test_another_seed_gives_other_frames_and_more_frames_begin_with_the_same(
+    tmp_path: Path,
+) -> None:
     cloud = Path("training/velodyne/000000.bin")
-    a, b, c = (generate(tmp_path, s) / cloud for s in (Settings(1, 0), Settings(1, 0, seed=1), Settings(2, 0)))
+    a, b, c = (
+        generate(tmp_path, s) / cloud
+        for s in (Settings(1, 0), Settings(1, 0, seed=1), Settings(2, 0))
+    )
     assert a.read_bytes() != b.read_bytes()
     assert a.read_bytes() == c.read_bytes()
 
@@ -91,7 +98,9 @@ def test_a_wall_is_hit_where_it_stands_and_hides_what_is_behind() -> None:
 def test_a_window_lets_some_rays_through_and_foliage_ends_them_inside() -> None:
     pane = box((0.1, 40.0, 5.0), STONE, opening=0.5)
     behind = box((1.0, 40.0, 5.0), STONE)
-    points = look(solids((pane, (10.0, 0.0, -1.73), -1), (behind, (20.0, 0.0, -1.73), -1))).points_velo
+    points = look(
+        solids((pane, (10.0, 0.0, -1.73), -1), (behind, (20.0, 0.0, -1.73), -1))
+    ).points_velo
     upright = points[(points[:, 2] - 0.2) / points[:, 0] > -0.05]  # rays that meet both walls
     assert 0.4 < np.mean(upright[:, 0] > 15) < 0.6
     crown = ellipsoid((2.0, 2.0, 2.0), LEAVES, (0.0, 0.0, 0.0))
@@ -131,7 +140,9 @@ def test_the_rings_are_those_of_the_sensor() -> None:
     assert len(np.unique(miss.argmin(axis=1))) > 30
 
 
-@pytest.mark.parametrize("ground", [GROUND, Ground(-1.7, 0.02, -0.01, 2e-4), Ground(-1.75, 0.0, 0.03, -1e-4)])
+@pytest.mark.parametrize(
+    "ground", [GROUND, Ground(-1.7, 0.02, -0.01, 2e-4), Ground(-1.75, 0.0, 0.03, -1e-4)]
+)
 def test_the_ground_lies_where_it_should(ground: Ground) -> None:
     points = look(solids(FAR_AWAY), ground=ground).points_velo
     x, y = points[:, 0], points[:, 1]
@@ -149,7 +160,9 @@ def test_rays_end_on_the_surface_of_ellipsoids_and_leaning_sides() -> None:
     near = (distance < 2.5) & (points[:, 2] > -1.5)  # not the ground below
     assert near.sum() > 200
     np.testing.assert_allclose(distance[near], 2.0, atol=0.12)
-    cabin = solids((extrusion(((-2, 0), (2, 0), (1, 1), (-1, 1)), (1.0, 0.5), STONE), (10.0, 0.0, 0.0), 0))
+    cabin = solids(
+        (extrusion(((-2, 0), (2, 0), (1, 1), (-1, 1)), (1.0, 0.5), STONE), (10.0, 0.0, 0.0), 0)
+    )
     for point, inside in (
         ((8.4, 0, 0.2), True),
         ((8.4, 0, 0.9), False),
@@ -168,7 +181,10 @@ def test_things_on_a_slope_stand_on_it() -> None:
     assert site.things[0].position[2] == pytest.approx(-0.7, abs=0.1)
     corners = site.solids().corners
     low, high = corners[..., 0].min(), corners[..., 0].max()
-    ends = [corners[corners[..., 0] < low + 0.8][:, 2].min(), corners[corners[..., 0] > high - 0.8][:, 2].min()]
+    ends = [
+        corners[corners[..., 0] < low + 0.8][:, 2].min(),
+        corners[corners[..., 0] > high - 0.8][:, 2].min(),
+    ]
     assert ends[0] < ends[1] - 0.05  # the front stands higher than the rear
 
 
@@ -178,7 +194,12 @@ def test_occlusion_and_truncation_are_kittis() -> None:
         assert site.add("Car", along, across, 0.0)
     returns = scan(site.solids(), 4, GROUND, np.random.default_rng(0))
     labels = annotate(site.things, returns, CALIBRATION, IMAGE_SIZE, np.random.default_rng(0))
-    assert labels.types.tolist() == ["Car", "Car", "Car", "DontCare"]  # the one in the shadow is not annotated
+    assert labels.types.tolist() == [
+        "Car",
+        "Car",
+        "Car",
+        "DontCare",
+    ]  # the one in the shadow is not annotated
     assert labels.occluded.tolist()[:2] == [0, 0]
     assert labels.truncated[0] == 0
     assert 0.1 < labels.truncated[2] < 0.97
@@ -208,9 +229,13 @@ def test_the_whole_turn_adds_what_the_camera_does_not_see() -> None:
 def test_no_two_frames_have_the_same_ground() -> None:
     def relief(seed: int) -> np.ndarray:
         site = random_scene(np.random.default_rng(seed))
-        points = scan(site.solids(), len(site.things), site.ground, np.random.default_rng(0)).points_velo
+        points = scan(
+            site.solids(), len(site.things), site.ground, np.random.default_rng(0)
+        ).points_velo
         x, y = points[:, 0], points[:, 1]
-        rest = points[:, 2] - np.array([site.ground.at(*place)[0] for place in zip(x, y, strict=True)])
+        rest = points[:, 2] - np.array(
+            [site.ground.at(*place)[0] for place in zip(x, y, strict=True)]
+        )
         keep = (np.abs(y) < 1.2) & (x > 5) & (x < 11) & (np.abs(rest) < 0.1)
         cells = np.floor(x[keep] / 0.5).astype(int) * 8 + np.floor(y[keep] / 0.5).astype(int)
         sums, n = (np.bincount(cells, w, minlength=200) for w in (rest[keep], None))
@@ -219,7 +244,9 @@ def test_no_two_frames_have_the_same_ground() -> None:
     reliefs = [relief(seed) for seed in range(6)]
     both = [(a, b) for k, a in enumerate(reliefs) for b in reliefs[:k]]
     found = [
-        np.corrcoef(a[keep], b[keep])[0, 1] for a, b in both if (keep := np.isfinite(a) & np.isfinite(b)).sum() > 8
+        np.corrcoef(a[keep], b[keep])[0, 1]
+        for a, b in both
+        if (keep := np.isfinite(a) & np.isfinite(b)).sum() > 8
     ]
     assert len(found) > 5
     assert abs(float(np.median(found))) < 0.5
@@ -235,7 +262,9 @@ def test_labels_are_readable_and_hold_their_points(simulated: Path) -> None:
         assert (labels.boxes_image[:, 2] <= frame.image_size[0]).all()
         boxes = frame.calibration.boxes_to_velo(labels.boxes_cam)
         counts = count_points_inside(frame.points_velo, boxes)
-        assert (counts[(labels.occluded == 0) & (labels.truncated < 0.1) & (boxes[:, 0] < 30)] > 5).all()
+        assert (
+            counts[(labels.occluded == 0) & (labels.truncated < 0.1) & (boxes[:, 0] < 30)] > 5
+        ).all()
         heights.extend((boxes[:, 2] + 1.72 - 0.0078 * boxes[:, 0]).tolist())
     assert types <= set(TYPES)
     assert "Car" in types
@@ -257,12 +286,17 @@ def test_the_picture_shows_a_car_where_its_label_says() -> None:
     site = Site(np.random.default_rng(2), GROUND, 0.0, 0.0, CAMERA_VIEW)
     site.put(np.stack([box((1.0, 1.0, 1.0), STONE)]), 85.0, 30.0)
     site.add("Car", 15.0, 2.0, 0.3)
-    without, having = (take_picture(s.solids(), GROUND, np.random.default_rng(0)) for s in (empty, site))
+    without, having = (
+        take_picture(s.solids(), GROUND, np.random.default_rng(0)) for s in (empty, site)
+    )
     assert having.shape == (IMAGE_SIZE[1], IMAGE_SIZE[0], 3)
     changed = np.argwhere((without != having).any(axis=2))
     x1, y1, x2, y2 = _box_in_image(site)
     in_box = (
-        (changed[:, 1] >= x1 - 2) & (changed[:, 1] <= x2 + 2) & (changed[:, 0] >= y1 - 2) & (changed[:, 0] <= y2 + 2)
+        (changed[:, 1] >= x1 - 2)
+        & (changed[:, 1] <= x2 + 2)
+        & (changed[:, 0] >= y1 - 2)
+        & (changed[:, 0] <= y2 + 2)
     )
     assert in_box.sum() > 0.5 * (x2 - x1) * (y2 - y1)
     above = changed[~in_box]
@@ -276,6 +310,8 @@ def _box_in_image(site: Site) -> np.ndarray:
 
 
 def test_the_camera_looks_along_x() -> None:
-    pixels, depth = CALIBRATION.points_to_image(CALIBRATION.points_to_cam(np.array([[20.0, 0.0, 0.0]])))
+    pixels, depth = CALIBRATION.points_to_image(
+        CALIBRATION.points_to_cam(np.array([[20.0, 0.0, 0.0]]))
+    )
     assert depth[0] == pytest.approx(19.73, abs=0.02)
     assert 590 < pixels[0, 0] < 625

@@ -8,8 +8,8 @@ import pytest
 
 from fl3d.data.kitti import IMAGE_SIZE, KittiFolder
 from fl3d.data.labels import Labels
-from fl3d.data.simulator.generate import Settings, generate
-from fl3d.data.simulator.image_detector import NUMBERS, detect_in_image
+from fl3d.simulator.generate import Settings, generate
+from fl3d.simulator.image_detector import NUMBERS, detect_in_image
 
 Found = Mapping[str, Sequence[tuple[str, float, np.ndarray]]]  # by frame: class, score, box
 
@@ -36,7 +36,12 @@ def levels(labels: Labels) -> np.ndarray:
     """Shares that reach easy, moderate and hard."""
     height = labels.boxes_image[:, 3] - labels.boxes_image[:, 1]
     limits = ((40, 0, 0.15), (25, 1, 0.3), (25, 2, 0.5))
-    return np.array([((height >= h) & (labels.occluded <= o) & (labels.truncated <= t)).mean() for h, o, t in limits])
+    return np.array(
+        [
+            ((height >= h) & (labels.occluded <= o) & (labels.truncated <= t)).mean()
+            for h, o, t in limits
+        ]
+    )
 
 
 def test_cars_are_as_hard_as_kittis(many: KittiFolder, kitti_sample: Path) -> None:
@@ -45,19 +50,30 @@ def test_cars_are_as_hard_as_kittis(many: KittiFolder, kitti_sample: Path) -> No
     np.testing.assert_allclose(levels(ours), levels(theirs), atol=0.09)
     for column in (3, 4, 5):  # h, w, l
         sizes = [labels.boxes_cam[:, column] for labels in (ours, theirs)]
-        np.testing.assert_allclose(*[np.quantile(size, [0.1, 0.5, 0.9]) for size in sizes], atol=0.12)
-    per_frame = [len(labels) / len(ids) for labels, ids in ((ours, many.split("train")), (theirs, real.split("train")))]
+        np.testing.assert_allclose(
+            *[np.quantile(size, [0.1, 0.5, 0.9]) for size in sizes], atol=0.12
+        )
+    per_frame = [
+        len(labels) / len(ids)
+        for labels, ids in ((ours, many.split("train")), (theirs, real.split("train")))
+    ]
     assert 0.8 < per_frame[0] / per_frame[1] < 1.5
 
 
-def test_clouds_have_as_many_points_and_as_much_ground(many: KittiFolder, kitti_sample: Path) -> None:
+def test_clouds_have_as_many_points_and_as_much_ground(
+    many: KittiFolder, kitti_sample: Path
+) -> None:
     real = KittiFolder(kitti_sample)
 
     def measured(folder: KittiFolder, ids: Sequence[str]) -> tuple[float, float, float]:
         clouds = [folder.frame(i).points_velo for i in ids]
         flat = [np.mean(np.abs(c[:, 2] + 1.72 - 0.008 * c[:, 0]) < 0.2) for c in clouds]
         strength = [np.mean(c[:, 3]) for c in clouds]
-        return float(np.mean([len(c) for c in clouds])), float(np.mean(flat)), float(np.mean(strength))
+        return (
+            float(np.mean([len(c) for c in clouds])),
+            float(np.mean(flat)),
+            float(np.mean(strength)),
+        )
 
     theirs, ours = measured(real, real.split("sample")), measured(many, many.split("train")[:60])
     assert ours[0] == pytest.approx(theirs[0], rel=0.08)
@@ -84,22 +100,31 @@ def recalls_and_false(folder: KittiFolder, found: Found, kind: str, score: float
 
 
 def overlaps(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
+    low, high = (
+        np.maximum(a[:, None, :2], b[None, :, :2]),
+        np.minimum(a[:, None, 2:], b[None, :, 2:]),
+    )
     inner = np.clip(high - low, 0, None).prod(axis=2)
     areas = [(x[:, 2] - x[:, 0]) * (x[:, 3] - x[:, 1]) for x in (a, b)]
     return np.asarray(inner / (areas[0][:, None] + areas[1][None] - inner))
 
 
 @pytest.mark.parametrize("kind", ["Car", "Pedestrian", "Cyclist"])
-def test_simulated_2d_detections_find_what_the_real_ones_find(kitti_sample: Path, kind: str) -> None:
+def test_simulated_2d_detections_find_what_the_real_ones_find(
+    kitti_sample: Path, kind: str
+) -> None:
     folder = KittiFolder(kitti_sample)
     ids = folder.split("val")[::3]
     names = {number: name for name, number in NUMBERS.items()}
     real: dict[str, list[tuple[str, float, np.ndarray]]] = {frame_id: [] for frame_id in ids}
-    for line in (kitti_sample / "rgb_detections" / "rgb_detection_val.txt").read_text().splitlines():
+    for line in (
+        (kitti_sample / "rgb_detections" / "rgb_detection_val.txt").read_text().splitlines()
+    ):
         path, number, score, *edges = line.split()
         if Path(path).stem in real:
-            real[Path(path).stem].append((names[int(number)], float(score), np.array(edges, dtype=float)))
+            real[Path(path).stem].append(
+                (names[int(number)], float(score), np.array(edges, dtype=float))
+            )
     ours: dict[str, list[tuple[str, float, np.ndarray]]] = {}
     for frame_id in ids:
         rng = np.random.default_rng([0, int(frame_id)])
@@ -113,7 +138,10 @@ def test_simulated_2d_detections_find_what_the_real_ones_find(kitti_sample: Path
 
 def test_2d_detections_are_whole_pixels_above_the_lowest_score(many: KittiFolder) -> None:
     rows = [
-        line.split() for line in (many.root / "rgb_detections" / "rgb_detection_train.txt").read_text().splitlines()
+        line.split()
+        for line in (many.root / "rgb_detections" / "rgb_detection_train.txt")
+        .read_text()
+        .splitlines()
     ]
     assert len(rows) > 1000
     assert {row[1] for row in rows} == {"1", "2", "3"}

@@ -14,17 +14,23 @@ def test_shape_is_z_y_x() -> None:
 
 
 def test_points_fall_into_their_cells_and_outsiders_are_dropped() -> None:
-    points = np.array([[0.5, -1.5, -0.9, 0], [3.9, 1.9, 0.9, 0], [4.0, 0, 0, 0], [0, 0, 1.0, 0]], dtype=np.float32)
+    points = np.array(
+        [[0.5, -1.5, -0.9, 0], [3.9, 1.9, 0.9, 0], [4.0, 0, 0, 0], [0, 0, 1.0, 0]], dtype=np.float32
+    )
     assert occupancy(points, GRID).tolist() == [[0, 0, 0], [3, 3, 3]]
 
 
 def test_only_the_first_points_of_a_voxel_are_kept_and_cells_rise() -> None:
-    points = np.array([[3.5, 0.5, 0.1, 9]] + [[0.1 * i, 0.5, 0.1, i] for i in range(8)], dtype=np.float32)
+    points = np.array(
+        [[3.5, 0.5, 0.1, 9]] + [[0.1 * i, 0.5, 0.1, i] for i in range(8)], dtype=np.float32
+    )
     voxels = voxelize(points, GRID, max_points=5)
     assert voxels.cells.tolist() == [[2, 2, 0], [2, 2, 3]]
     assert voxels.rows[:, 3].tolist() == [0, 1, 2, 3, 4, 9]
     assert voxels.lengths.tolist() == [5, 1]
-    np.testing.assert_allclose(voxels.rows[:, 4], [-0.2, -0.1, 0, 0.1, 0.2, 0], atol=1e-6)  # x from the mean 0.2
+    np.testing.assert_allclose(
+        voxels.rows[:, 4], [-0.2, -0.1, 0, 0.1, 0.2, 0], atol=1e-6
+    )  # x from the mean 0.2
     back = voxelize(points, GRID, 5, np.arange(9)[::-1])
     assert back.rows[:, 3].tolist() == [7, 6, 5, 4, 3, 9]
 
@@ -44,7 +50,9 @@ def test_grouping_is_what_plain_numpy_makes_of_it() -> None:
         rows = voxels.rows[voxels.lengths[:voxel].sum() :][: len(own)]
         assert np.array_equal(rows[:, :4], own)
         np.testing.assert_allclose(rows[:, 4:], own[:, :3] - own[:, :3].mean(axis=0), atol=1e-5)
-    again = voxelize(points[:10], GRID, max_points=1000)  # nothing of the call before is left in the table
+    again = voxelize(
+        points[:10], GRID, max_points=1000
+    )  # nothing of the call before is left in the table
     assert again.lengths.sum() == GRID.inside(points[:10]).sum()
 
 

@@ -6,35 +6,48 @@ import numpy as np
 import pytest
 import torch
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
+from fl3d.core.errors import ConfigError
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.base import Batch, Detector
-from fl3d.errors import ConfigError
+from fl3d.inference.load import build_detector
 from fl3d.sparse import layers
-from fl3d.training.build import build_detector
 
 DETECTORS = ("voxelnet", "fcn3d")
 
 
 def build(detector: str, compute: str) -> Detector:
     torch.manual_seed(0)
-    return build_detector(compose_config([f"detector={detector}", f"detector.compute={compute}"])).double()
+    return build_detector(
+        compose_config([f"detector={detector}", f"detector.compute={compute}"])
+    ).double()
 
 
 def batch_of(detector: Detector, simulated: Path) -> Batch:
     folder = KittiFolder(simulated)
     frames = [folder.frame(i) for i in folder.split("train")[:2]]
-    samples = [detector.encode(frame, np.random.default_rng(k), training=True) for k, frame in enumerate(frames)]
+    samples = [
+        detector.encode(frame, np.random.default_rng(k), training=True)
+        for k, frame in enumerate(frames)
+    ]
     batch = detector.collate(samples)
-    return {k: v.double() if torch.is_tensor(v) and v.is_floating_point() else v for k, v in batch.items()}
+    return {
+        k: v.double() if torch.is_tensor(v) and v.is_floating_point() else v
+        for k, v in batch.items()
+    }
 
 
 @pytest.mark.parametrize("name", DETECTORS)
-def test_sparse_and_dense_are_one_function(name: str, simulated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(layers, "CROWDED", float("inf"))  # this small network would mostly choose dense
+def test_sparse_and_dense_are_one_function(
+    name: str, simulated: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        layers, "DENSE_FROM", float("inf")
+    )  # this small network would mostly choose dense
     dense, sparse = build(name, "dense"), build(name, "sparse")
     assert all(
-        torch.equal(a, b) for a, b in zip(dense.state_dict().values(), sparse.state_dict().values(), strict=True)
+        torch.equal(a, b)
+        for a, b in zip(dense.state_dict().values(), sparse.state_dict().values(), strict=True)
     )
     batches = batch_of(dense, simulated), batch_of(sparse, simulated)
     assert ["layout" in batch for batch in batches] == [False, True]
@@ -44,14 +57,17 @@ def test_sparse_and_dense_are_one_function(name: str, simulated: Path, monkeypat
         for a, b in zip(dense(batches[0]), sparse(batches[1]), strict=True):
             torch.testing.assert_close(a, b, rtol=1e-8, atol=1e-8)
     totals = [
-        torch.stack(list(d.train().loss(b).values())).sum() for d, b in zip((dense, sparse), batches, strict=True)
+        torch.stack(list(d.train().loss(b).values())).sum()
+        for d, b in zip((dense, sparse), batches, strict=True)
     ]
     for total in totals:
         total.backward()  # type: ignore[no-untyped-call]
     for a, b in zip(dense.parameters(), sparse.parameters(), strict=True):
         assert a.grad is not None
         assert b.grad is not None
-        torch.testing.assert_close(a.grad, b.grad, rtol=1e-6, atol=1e-7 * float(a.grad.abs().max()) + 1e-9)
+        torch.testing.assert_close(
+            a.grad, b.grad, rtol=1e-6, atol=1e-7 * float(a.grad.abs().max()) + 1e-9
+        )
 
 
 @pytest.mark.parametrize("name", DETECTORS)

@@ -7,14 +7,19 @@ import numpy as np
 import pytest
 import torch
 
-from fl3d.config import CONF, compose_config
+from fl3d.config.compose import CONF, compose_config
 from fl3d.data.kitti import Frame, KittiFolder
 from fl3d.detectors.base import Detector
 from fl3d.detectors.flops import layer_flops
+from fl3d.inference.load import build_detector
 from fl3d.sweep.plan import configure_stage
-from fl3d.training.build import build_detector
 
 NAMES = sorted(path.stem for path in (CONF / "detector").glob("*.yaml"))
+
+DETERMINISTIC = {  # class: why its training samples are the same whatever the seed
+    "FCN3D": "its input is which voxels are occupied, and all its targets are kept",
+    "HeightMap": "of docs/new_detector.md: the highest point of each cell, and all its targets",
+}
 
 
 def networks() -> list[tuple[str, str]]:
@@ -35,7 +40,9 @@ def networks() -> list[tuple[str, str]]:
 def detector(request: pytest.FixtureRequest) -> Detector:
     torch.manual_seed(0)
     name, stage = request.param
-    return build_detector(configure_stage(compose_config([f"detector={name}", "profile=quick"]), stage))
+    return build_detector(
+        configure_stage(compose_config([f"detector={name}", "profile=quick"]), stage)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +51,12 @@ def frames(simulated: Path) -> list[Frame]:
     return [folder.frame(i) for i in folder.split("train")[:2]]
 
 
-def encode(detector: Detector, frames: list[Frame], training: bool = True, seed: int = 0) -> dict[str, torch.Tensor]:
-    samples = [detector.encode(f, np.random.default_rng([seed, i]), training) for i, f in enumerate(frames)]
+def encode(
+    detector: Detector, frames: list[Frame], training: bool = True, seed: int = 0
+) -> dict[str, torch.Tensor]:
+    samples = [
+        detector.encode(f, np.random.default_rng([seed, i]), training) for i, f in enumerate(frames)
+    ]
     return detector.collate(samples)
 
 
@@ -64,7 +75,9 @@ def test_it_names_itself_and_its_stages(detector: Detector) -> None:
     assert detector.VERSION >= 1
 
 
-def test_its_loss_is_finite_and_reaches_every_weight(detector: Detector, frames: list[Frame]) -> None:
+def test_its_loss_is_finite_and_reaches_every_weight(
+    detector: Detector, frames: list[Frame]
+) -> None:
     terms = detector.loss(encode(detector, frames))
     torch.stack(list(terms.values())).sum().backward()
     for name, parameter in detector.named_parameters():
@@ -87,7 +100,9 @@ def test_a_few_steps_lower_its_loss(detector: Detector, frames: list[Frame]) -> 
     assert losses[-1] < 0.8 * losses[0]
 
 
-def test_it_finds_boxes_in_falling_order_and_no_more_than_asked(detector: Detector, frames: list[Frame]) -> None:
+def test_it_finds_boxes_in_falling_order_and_no_more_than_asked(
+    detector: Detector, frames: list[Frame]
+) -> None:
     batch = encode(detector, frames, training=False)
     found, every = (detector.eval().detect(batch, max_boxes=n, min_score=0.0) for n in (7, 100_000))
     assert len(found) == 2
@@ -109,11 +124,15 @@ def test_the_score_floor_holds(detector: Detector, frames: list[Frame]) -> None:
     assert len(detector.detect(batch, 10_000, floor)[0].scores) == int((scores >= floor).sum())
 
 
-def test_a_frame_without_points_and_one_without_cars_are_survived(detector: Detector, frames: list[Frame]) -> None:
+def test_a_frame_without_points_and_one_without_cars_are_survived(
+    detector: Detector, frames: list[Frame]
+) -> None:
     batch = encode(detector, [without_points(frames[0]), without_cars(frames[1])])
     terms = detector.loss(batch)  # none where there is nothing to learn
     assert all(torch.isfinite(term) for term in terms.values())
-    found = detector.eval().detect(encode(detector, [without_points(frames[0])], training=False), 5, 0.0)
+    found = detector.eval().detect(
+        encode(detector, [without_points(frames[0])], training=False), 5, 0.0
+    )
     assert np.isfinite(found[0].boxes_velo).all()
 
 
@@ -127,8 +146,26 @@ def test_frames_of_a_batch_do_not_mix(detector: Detector, frames: list[Frame]) -
 
 def test_same_randomness_same_sample(detector: Detector, frames: list[Frame]) -> None:
     first, second, other = (encode(detector, frames, seed=seed) for seed in (1, 1, 2))
-    assert all(torch.equal(first[key], second[key]) for key in first if isinstance(first[key], torch.Tensor))
+    assert all(
+        torch.equal(first[key], second[key])
+        for key in first
+        if isinstance(first[key], torch.Tensor)
+    )
     assert set(first) == set(other)
+
+
+def test_other_randomness_other_sample_unless_the_detector_is_listed_as_drawing_nothing(
+    detector: Detector, frames: list[Frame]
+) -> None:
+    first = encode(detector, frames, seed=1)
+    other = encode(detector, frames, seed=2)
+    tensors = [key for key in first if isinstance(first[key], torch.Tensor)]
+    differ = [key for key in tensors if not torch.equal(first[key], other[key])]
+    name = type(detector).__name__
+    if name in DETERMINISTIC:
+        assert not differ, f"{name} draws {differ}, so take it off DETERMINISTIC"
+    else:
+        assert differ, f"{name} draws nothing; if that is meant, say why in DETERMINISTIC"
 
 
 def test_its_work_is_known_without_computing(detector: Detector) -> None:

@@ -3,11 +3,11 @@
 import numpy as np
 import torch
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.geometry.boxes import rectangles_velo
 from fl3d.geometry.iou import bev_iou
-from fl3d.training.build import build_detector
+from fl3d.inference.load import build_detector
 
 
 def make(*overrides: str) -> FCN3D:
@@ -25,7 +25,9 @@ def test_the_cell_of_a_car_holds_its_centre() -> None:
     assert cells.tolist() == [[1, 14, 6]]
     assert corners.shape == (1, 24)
     first = corners[0, :3] + make().origins(cells)[0]
-    expected = CAR[0, :3] + np.array([-2 * np.cos(0.3) + 0.8 * np.sin(0.3), -2 * np.sin(0.3) - 0.8 * np.cos(0.3), 0])
+    expected = CAR[0, :3] + np.array(
+        [-2 * np.cos(0.3) + 0.8 * np.sin(0.3), -2 * np.sin(0.3) - 0.8 * np.cos(0.3), 0]
+    )
     np.testing.assert_allclose(first, expected, atol=1e-5)
 
 

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
+from fl3d.config.settings import read_stage_settings
+from fl3d.core.errors import DataError
 from fl3d.data.dataset import Frames
 from fl3d.data.image_boxes import read_image_boxes
 from fl3d.data.kitti import Frame, KittiFolder
@@ -30,14 +32,13 @@ from fl3d.detectors.frustums import (
 )
 from fl3d.detectors.multibin import MultiBin, corner_distance
 from fl3d.detectors.regions import centered, turned_back
-from fl3d.errors import DataError
 from fl3d.evaluation.protocol import Protocol
 from fl3d.geometry.boxes import points_inside
 from fl3d.geometry.iou import bev_and_3d_iou_velo
+from fl3d.inference.detect import detect_frames
+from fl3d.inference.load import build_detector
+from fl3d.inference.predict import detect_labels
 from fl3d.points.slabs import SlabNet, Slabs, resolutions
-from fl3d.predict import _look
-from fl3d.training.build import build_detector
-from fl3d.training.trainer import detect_frames
 
 SIZES = ((1.5, 1.6, 3.9), (1.8, 0.7, 0.8), (1.7, 0.6, 1.8))
 CODE = MultiBin(SIZES, 12, {"yaw_bin": 1.0, "yaw": 20.0, "size": 20.0, "corner": 10.0})
@@ -46,7 +47,10 @@ CODE = MultiBin(SIZES, 12, {"yaw_bin": 1.0, "yaw": 20.0, "size": 20.0, "corner":
 @pytest.fixture(scope="module")
 def frame(simulated: Path) -> Frame:
     folder = KittiFolder(simulated)
-    return max((folder.frame(i) for i in folder.split("train")), key=lambda f: int((f.labels.types == "Car").sum()))
+    return max(
+        (folder.frame(i) for i in folder.split("train")),
+        key=lambda f: int((f.labels.types == "Car").sum()),
+    )
 
 
 @pytest.fixture
@@ -112,7 +116,9 @@ def test_a_ray_passes_through_its_pixel(frame: Frame) -> None:
     pixels = np.array([[600.0, 180.0], [100.0, 200.0], [1200.0, 300.0]])
     origin, directions = rays(frame.calibration, pixels)
     for distance in (5.0, 40.0):
-        seen, _ = frame.calibration.points_to_image(frame.calibration.points_to_cam(origin + distance * directions))
+        seen, _ = frame.calibration.points_to_image(
+            frame.calibration.points_to_cam(origin + distance * directions)
+        )
         np.testing.assert_allclose(seen, pixels, atol=1e-6)
 
 
@@ -146,10 +152,15 @@ def test_places_are_labelled_by_shares_of_the_object() -> None:
 
 def test_boxes_come_back_from_their_frustum() -> None:
     rng = np.random.default_rng(0)
-    boxes = np.column_stack([rng.normal(0, 5, (20, 3)), rng.uniform(1, 4, (20, 3)), rng.uniform(-3, 3, 20)])
+    boxes = np.column_stack(
+        [rng.normal(0, 5, (20, 3)), rng.uniform(1, 4, (20, 3)), rng.uniform(-3, 3, 20)]
+    )
     origin, angle = np.array([0.3, -0.1, -0.05]), 0.4
     inside = centered(torch.from_numpy(moved(boxes, -origin, -angle)))
-    turn, places = torch.full((20,), angle, dtype=torch.float64), torch.from_numpy(np.tile(origin, (20, 1)))
+    turn, places = (
+        torch.full((20,), angle, dtype=torch.float64),
+        torch.from_numpy(np.tile(origin, (20, 1))),
+    )
     back = turned_back(inside, turn, places).numpy()
     np.testing.assert_allclose(back[:, :6], boxes[:, :6], atol=1e-9)
     np.testing.assert_allclose(np.sin(back[:, 6]), np.sin(boxes[:, 6]), atol=1e-9)
@@ -165,7 +176,9 @@ def test_jitter_and_sampling_and_enlarging_by_hand() -> None:
     points = np.arange(9.0).reshape(3, 3)
     assert len(sampled(points, 5, rng)) == 5
     assert {tuple(row) for row in sampled(points, 3, rng)} == {tuple(row) for row in points}
-    np.testing.assert_allclose(enlarged(np.array([[0, 0, -1, 2, 1, 4, 0.3]]), 1.2), [[0, 0, -1.2, 2.4, 1.2, 4.8, 0.3]])
+    np.testing.assert_allclose(
+        enlarged(np.array([[0, 0, -1, 2, 1, 4, 0.3]]), 1.2), [[0, 0, -1.2, 2.4, 1.2, 4.8, 0.3]]
+    )
 
 
 def test_samples_turn_and_grow_with_their_objects() -> None:
@@ -176,7 +189,11 @@ def test_samples_turn_and_grow_with_their_objects() -> None:
     same = still.changed(corner, box, np.random.default_rng(0))
     assert (same[0] == corner).all()
     assert (same[1] == box).all()
-    for rule in (replace(still, turn=30.0), replace(still, scale=0.2), replace(still, flip=1.0, turn=30.0, scale=0.2)):
+    for rule in (
+        replace(still, turn=30.0),
+        replace(still, scale=0.2),
+        replace(still, flip=1.0, turn=30.0, scale=0.2),
+    ):
         points, changed = rule.changed(corner, box, np.random.default_rng(0))
         assert np.abs(changed - box).max() > 0.01
         factor = changed[5] / box[5]
@@ -190,11 +207,17 @@ def frustum_nets_that_say_their_axis(detector: FConvNet, monkeypatch: pytest.Mon
     """Small boxes in the middle of each 2D box, 20 m away; the second stage leaves them where they are."""
     rng = np.random.default_rng(5)
 
-    def find(network: FrustumNet, points: torch.Tensor, slope: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    def find(
+        network: FrustumNet, points: torch.Tensor, slope: torch.Tensor
+    ) -> tuple[torch.Tensor, ...]:
         boxes = torch.tensor([[0.0, 0, 0, 0.5, 0.1, 0.1, 0]]).repeat(len(points), 1)
         if network is detector.frustum:
             boxes[:, 0], boxes[:, 2] = 20.0, 20.0 * slope
-        return boxes, torch.from_numpy(rng.uniform(0.1, 0.9, len(points))), torch.arange(len(points))
+        return (
+            boxes,
+            torch.from_numpy(rng.uniform(0.1, 0.9, len(points))),
+            torch.arange(len(points)),
+        )
 
     monkeypatch.setattr(detector, "_find", find)
     if detector.refine is None:
@@ -222,9 +245,13 @@ def test_each_box_brings_the_2d_box_it_came_of(
     folder = KittiFolder(simulated)
     frames = Frames(folder, folder.split("val"), 10)
     rng = np.random.default_rng(2)
-    for index in range(len(frames)):  # six boxes of different sizes about points of each frame; none in the second
+    for index in range(
+        len(frames)
+    ):  # six boxes of different sizes about points of each frame; none in the second
         one = frames[index]
-        chosen = rng.choice(one.points_velo[one.points_velo[:, 0] > 5, :3].astype(float), 0 if index == 1 else 6)
+        chosen = rng.choice(
+            one.points_velo[one.points_velo[:, 0] > 5, :3].astype(float), 0 if index == 1 else 6
+        )
         pixels, _ = one.calibration.points_to_image(one.calibration.points_to_cam(chosen))
         half = rng.uniform(20, 40, pixels.shape)
         drawn = np.column_stack([pixels - half, pixels + half, rng.uniform(0.1, 0.9, len(half))])
@@ -245,8 +272,13 @@ def test_each_box_brings_the_2d_box_it_came_of(
 def test_a_prediction_has_the_2d_detectors_boxes(simulated: Path, frame: Frame) -> None:
     torch.manual_seed(0)
     config = compose_config(["detector=fconvnet", "profile=quick"])
-    seen, protocol = KittiFolder(simulated).frame(frame.id), Protocol(**{**config["protocol"], "score_threshold": 0.0})
-    labels = _look(build_detector(config).eval(), seen, config, "cpu", protocol)
+    seen, protocol = (
+        KittiFolder(simulated).frame(frame.id),
+        Protocol(**{**config["protocol"], "score_threshold": 0.0}),
+    )
+    labels = detect_labels(
+        build_detector(config).eval(), seen, protocol, read_stage_settings(config)
+    )
     assert seen.image_boxes is not None
     clipped = np.clip(seen.image_boxes[:, :4], 0, np.array([seen.image_size] * 2).ravel() - 1.0)
     assert len(labels) > 0
@@ -255,7 +287,11 @@ def test_a_prediction_has_the_2d_detectors_boxes(simulated: Path, frame: Frame) 
 
 def test_between_the_stages_boxes_are_suppressed_in_3d() -> None:
     boxes = np.array(
-        [[20.0, 0, -1.7, 1.5, 1.6, 4, 0], [20.0, 0, -0.1, 1.5, 1.6, 4, 0], [20.2, 0, -1.7, 1.5, 1.6, 4, 0]]
+        [
+            [20.0, 0, -1.7, 1.5, 1.6, 4, 0],
+            [20.0, 0, -0.1, 1.5, 1.6, 4, 0],
+            [20.2, 0, -1.7, 1.5, 1.6, 4, 0],
+        ]
     )
     kept = suppressed(Found(boxes, np.array([0.9, 0.8, 0.7]), np.arange(12.0).reshape(3, 4)), 9)
     assert kept.scores.tolist() == [0.9, 0.8]
@@ -310,7 +346,9 @@ def test_training_frustums_hold_their_objects(detector: FConvNet, frame: Frame) 
         assert ((sizes < 1e-4) & (turns < 1e-4)).any()
 
 
-def test_two_stages_find_what_perfect_networks_would(simulated: Path, frame: Frame, detector: FConvNet) -> None:
+def test_two_stages_find_what_perfect_networks_would(
+    simulated: Path, frame: Frame, detector: FConvNet
+) -> None:
     """With the 2D boxes of the labels and outputs that say the truth, every car comes back where it is."""
     detector.view.reach = detector.frustum.reach = (0.0, 70.0)
     cars = frame.labels.types == "Car"
@@ -329,9 +367,15 @@ def test_two_stages_find_what_perfect_networks_would(simulated: Path, frame: Fra
     targets = np.concatenate([moved(box, -o.astype(float), -float(a)) for box, o, a in shifted])
 
     class Truth(torch.nn.Module):
-        slabs, reach, places = detector.frustum.slabs, detector.frustum.reach, detector.frustum.places
+        slabs, reach, places = (
+            detector.frustum.slabs,
+            detector.frustum.reach,
+            detector.frustum.places,
+        )
 
-        def forward(self, points: torch.Tensor, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        def forward(
+            self, points: torch.Tensor, slope: torch.Tensor
+        ) -> tuple[torch.Tensor, torch.Tensor]:
             spots = Truth.places(slope, 1)
             boxes = centered(torch.from_numpy(targets).float())
             relative = boxes[:, None].expand(-1, spots.shape[1], -1).clone()
@@ -344,7 +388,11 @@ def test_two_stages_find_what_perfect_networks_would(simulated: Path, frame: Fra
     detector.code = CODE
     truth = Truth()
     found = detector._find(truth, batch["points"], batch["slope"])  # type: ignore[arg-type]
-    back = turned_back(found[0], batch["angle"][found[2]], batch["origin"][found[2]]).numpy().astype(float)
+    back = (
+        turned_back(found[0], batch["angle"][found[2]], batch["origin"][found[2]])
+        .numpy()
+        .astype(float)
+    )
     overlaps = bev_and_3d_iou_velo(boxes_velo, back)[1]
     assert overlaps.max(axis=1).min() > 0.98
 
@@ -354,7 +402,9 @@ def test_2d_boxes_are_read_by_frame_and_class(tmp_path: Path) -> None:
     folder = tmp_path / "rgb_detections"
     folder.mkdir()
     file = folder / "rgb_detection_val.txt"
-    file.write_text("a/b/000001.png 2 0.5 1 2 3 4\n\nx/000001.png 1 0.4 0 0 1 1\n/000002.png 2 0.25 -4 0 9 9.5\n")
+    file.write_text(
+        "a/b/000001.png 2 0.5 1 2 3 4\n\nx/000001.png 1 0.4 0 0 1 1\n/000002.png 2 0.25 -4 0 9 9.5\n"
+    )
     found = read_image_boxes(tmp_path)
     assert found is not None
     assert found["000001"].tolist() == [[1, 2, 3, 4, 0.5]]
@@ -372,7 +422,9 @@ def test_2d_boxes_are_read_by_frame_and_class(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_a_line_that_is_no_2d_box_is_named(tmp_path: Path, line: str, message: str) -> None:
     (tmp_path / "rgb_detections").mkdir()
-    (tmp_path / "rgb_detections" / "rgb_detection_train.txt").write_text("000000.png 2 0.5 1 2 3 4\n" + line + "\n")
+    (tmp_path / "rgb_detections" / "rgb_detection_train.txt").write_text(
+        "000000.png 2 0.5 1 2 3 4\n" + line + "\n"
+    )
     with pytest.raises(DataError, match=rf"rgb_detection_train.txt:2: .*{message}"):
         read_image_boxes(tmp_path)
 
@@ -392,17 +444,23 @@ def test_yaw_bins_by_hand() -> None:
 
 def test_the_second_stages_sample_has_its_object_at_the_middle_and_across(frame: Frame) -> None:
     config = compose_config(["detector=fconvnet", "profile=quick"])
-    config["detector"]["refine"]["jitter"] = dict.fromkeys(config["detector"]["refine"]["jitter"], 0.0)
+    config["detector"]["refine"]["jitter"] = dict.fromkeys(
+        config["detector"]["refine"]["jitter"], 0.0
+    )
     detector = build_detector(config)
     assert isinstance(detector, FConvNet)
     sample = detector.encode(frame, np.random.default_rng(0), training=True)
     assert len(sample["points"]) > 0
     np.testing.assert_allclose(sample["boxes"][:, :2], 0, atol=1e-5)
     np.testing.assert_allclose(sample["boxes"][:, 6], -pi / 2, atol=1e-5)
-    half = sample["boxes"][:, None, [4, 5]] / 2 * 1.2 + 1e-4  # width along the axis, length beside it
+    half = (
+        sample["boxes"][:, None, [4, 5]] / 2 * 1.2 + 1e-4
+    )  # width along the axis, length beside it
     assert (np.abs(sample["points"][..., :2]) <= half).all()
     places = detector.refine.places(torch.zeros(len(sample["points"])), 1)  # type: ignore[union-attr]
-    assert (label_places(places, torch.from_numpy(sample["boxes"]), (0.3, 0.6)) == 1).any(dim=1).all()
+    assert (
+        (label_places(places, torch.from_numpy(sample["boxes"]), (0.3, 0.6)) == 1).any(dim=1).all()
+    )
 
 
 def test_cars_beyond_the_frustum_are_not_learnt(detector: FConvNet, frame: Frame) -> None:

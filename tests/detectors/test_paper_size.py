@@ -6,19 +6,32 @@ import numpy as np
 import pytest
 import torch
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.flops import layer_flops
-from fl3d.training.build import build_detector, build_optimizer, build_schedule
+from fl3d.inference.load import build_detector
+from fl3d.training.build import build_optimizer, build_schedule
 from fl3d.training.trainer import Trainer
 from tests.support import small_sweep
 
-TWO_STEPS = ("profile=paper", "data.train_frames=null", "data.val_frames=null", "schedule.frames_per_epoch=2")
+TWO_STEPS = (
+    "profile=paper",
+    "data.train_frames=null",
+    "data.val_frames=null",
+    "schedule.frames_per_epoch=2",
+)
 
 # GFLOP at two per multiply-add; the arithmetic of each layer's shapes. The published tables differ from it in
 # strided and transposed layers of VoxelNet, which they count at the input's resolution.
-FCN3D = {"body.0": 25.600, "body.1": 204.800, "body.2": 16.589, "body.3": 24.883, "obj": 0.259, "cor": 6.221}
+FCN3D = {
+    "body.0": 25.600,
+    "body.1": 204.800,
+    "body.2": 16.589,
+    "body.3": 24.883,
+    "obj": 0.259,
+    "cor": 6.221,
+}
 VOXELNET = {
     "feature_net.vfe_1": [0.042],
     "feature_net.vfe_2": [0.760],
@@ -70,7 +83,11 @@ def test_the_papers_hyper_parameters() -> None:
     """§VI-A: alpha, beta, eta, 30 + 30 epochs, learning rates 1e-2 and 1e-4, then a tenth; batch 1."""
     for name, alpha, beta, eta, lr in (("fcn3d", 1, 5, 10, 1e-2), ("voxelnet", 1, 10, 0.5, 1e-4)):
         config = paper(name)
-        assert (config["loss"]["alpha"], config["loss"]["beta"], config["loss"]["eta"]) == (alpha, beta, eta)
+        assert (config["loss"]["alpha"], config["loss"]["beta"], config["loss"]["eta"]) == (
+            alpha,
+            beta,
+            eta,
+        )
         assert config["optimizer"] == {"_target_": "torch.optim.Adam", "lr": lr}
         stages = config["schedule"]["stages"]
         assert [(s["epochs"], s["lr_factor"]) for s in stages.values()] == [(30, 1.0), (30, 0.1)]
@@ -89,9 +106,9 @@ def test_the_papers_configuration_trains(name: str, simulated: Path, tmp_path: P
     torch.manual_seed(0)
     detector = build_detector(stage.config)
     before = {key: value.clone() for key, value in detector.named_parameters()}
-    machine = sweep.machine()
-    frames = Frames(KittiFolder(simulated), machine["train_ids"], 2)
-    optimizer, schedule = build_optimizer(stage.config, detector), build_schedule(stage.config, machine)
+    frames = Frames(KittiFolder(simulated), sweep.data.train_ids, 2)
+    optimizer = build_optimizer(stage.config, detector)
+    schedule = build_schedule(stage.config)
     trainer = Trainer(stage, detector, optimizer, schedule, frames)
     trainer.train_epoch(lambda: None)
     assert trainer.step == 2

@@ -6,21 +6,23 @@ import numpy as np
 import pytest
 import torch
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
+from fl3d.core.errors import ConfigError
 from fl3d.detectors.bins import BinCode
 from fl3d.detectors.pointrcnn import PointRCNN
 from fl3d.detectors.regions import from_regions, pool, relative_to_regions
 from fl3d.detectors.rois import ProposalRule, RoiRule, jitter
-from fl3d.errors import ConfigError
 from fl3d.geometry.boxes import NEAR, NONE, owners
 from fl3d.geometry.iou import bev_and_3d_iou_velo
-from fl3d.training.build import build_detector
+from fl3d.inference.load import build_detector
 
 SIZE = (1.5, 1.6, 3.9)
 RULE = RoiRule(32, 0.5, 0.55, 0.45, 0.05, 0.8, 0.6, 0.55, 10)
 
 
-def code(search: float = 3.0, length: float = 0.5, yaw_bins: int = 12, yaw_range: float = 2 * pi) -> BinCode:
+def code(
+    search: float = 3.0, length: float = 0.5, yaw_bins: int = 12, yaw_range: float = 2 * pi
+) -> BinCode:
     return BinCode(search, length, yaw_bins, yaw_range, SIZE)
 
 
@@ -44,13 +46,24 @@ def perfect(own: BinCode, boxes: torch.Tensor) -> torch.Tensor:
 
 def some_boxes(seed: int, n: int, reach: float, turn: float) -> torch.Tensor:
     rng = np.random.default_rng(seed)
-    columns = [rng.uniform(-reach, reach, (n, 2)), rng.normal(size=(n, 1)), rng.uniform(1, 4, (n, 3))]
-    return torch.from_numpy(np.column_stack([*columns, rng.uniform(-turn, turn, n)]).astype(np.float32))
+    columns = [
+        rng.uniform(-reach, reach, (n, 2)),
+        rng.normal(size=(n, 1)),
+        rng.uniform(1, 4, (n, 3)),
+    ]
+    return torch.from_numpy(
+        np.column_stack([*columns, rng.uniform(-turn, turn, n)]).astype(np.float32)
+    )
 
 
 @pytest.mark.parametrize(
     ("own", "width"),
-    [(code(), 76), (code(2.0, 0.2), 108), (code(1.5, 0.5, 9, pi / 2), 46), (code(1.5, 0.3, 9, pi / 2), 62)],
+    [
+        (code(), 76),
+        (code(2.0, 0.2), 108),
+        (code(1.5, 0.5, 9, pi / 2), 46),
+        (code(1.5, 0.3, 9, pi / 2), 62),
+    ],
 )
 def test_the_code_is_as_wide_as_the_report_says(own: BinCode, width: int) -> None:
     assert own.width == width
@@ -85,7 +98,9 @@ def test_bins_by_hand() -> None:
 def test_opposite_headings_are_one_in_the_second_stage() -> None:
     own = code(1.5, 0.5, 9, pi / 2)
     for degrees in (0, 12, -44, 30):
-        there, back = (own._yaw_targets(torch.tensor([radians(d)])) for d in (degrees, degrees + 180))
+        there, back = (
+            own._yaw_targets(torch.tensor([radians(d)])) for d in (degrees, degrees + 180)
+        )
         assert there[0] == back[0]
         torch.testing.assert_close(there[1], back[1], rtol=0, atol=1e-4)
     assert own._yaw_targets(torch.tensor([0.0]))[0] == 4
@@ -98,7 +113,9 @@ def test_bins_that_do_not_fit_are_refused() -> None:
 
 def test_points_know_their_box() -> None:
     box = np.array([[10.0, 0.0, -1.0, 2.0, 2.0, 4.0, 0.0]])
-    points = np.array([[10, 0, 0], [12.1, 0, 0], [12.3, 0, 0], [10, 1.1, 0], [10, 0, 1.15], [8.1, -0.9, -0.9]])
+    points = np.array(
+        [[10, 0, 0], [12.1, 0, 0], [12.3, 0, 0], [10, 1.1, 0], [10, 0, 1.15], [8.1, -0.9, -0.9]]
+    )
     assert owners(points, box, 0.2).tolist() == [0, NEAR, NONE, NEAR, NEAR, 0]
     turned = box + [0, 0, 0, 0, 0, 0, pi / 2]
     assert owners(points[:2], turned, 0.0).tolist() == [0, NONE]

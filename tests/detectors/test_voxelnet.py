@@ -8,15 +8,15 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
+from fl3d.core.errors import ConfigError
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.anchors import Anchors, decode_boxes, encode_boxes
 from fl3d.detectors.voxel_nets import FeatureNet, max_per_voxel
 from fl3d.detectors.voxelnet import VoxelNet
-from fl3d.errors import ConfigError
 from fl3d.geometry.boxes import rectangles_velo, standup
 from fl3d.geometry.iou import bev_iou, image_iou
-from fl3d.training.build import build_detector
+from fl3d.inference.load import build_detector
 
 PLAIN = {
     "range_velo": (0.0, -4.0, -3.0, 8.0, 4.0, 1.0),
@@ -95,7 +95,11 @@ def test_matching_is_what_all_pairs_say(change: dict[str, object]) -> None:
         cars = rng.uniform(low, high, size=(count, 7))
         cars[0] = matcher.boxes_velo[0] + 0.0  # exactly on an anchor
         b = rectangles_velo(cars)
-        overlap = bev_iou(anchors, b) if "iou" in change else image_iou(standup(anchors) + grow, standup(b) + grow)
+        overlap = (
+            bev_iou(anchors, b)
+            if "iou" in change
+            else image_iou(standup(anchors) + grow, standup(b) + grow)
+        )
         positive = overlap.max(axis=1) > 0.6
         positive[overlap.argmax(axis=0)[overlap.max(axis=0) > 0]] = True
         chosen, owner, negative = matcher.assign(cars)
@@ -115,7 +119,9 @@ sizes = st.floats(0.5, 6)
 
 
 @given(st.floats(-40, 40), sizes, sizes, sizes, st.floats(-3, 3))
-def test_codes_lead_back_to_their_box(x: float, h: float, w: float, length: float, yaw: float) -> None:
+def test_codes_lead_back_to_their_box(
+    x: float, h: float, w: float, length: float, yaw: float
+) -> None:
     box = np.array([[x, 1.0, -1.5, h, w, length, yaw]])
     anchor = np.array([[x + 1, 0.0, -1.78, 1.56, 1.6, 3.9, 0.0]])
     np.testing.assert_allclose(decode_boxes(encode_boxes(box, anchor), anchor), box, atol=1e-9)
@@ -155,13 +161,17 @@ def test_padding_as_in_the_code_is_an_option(simulated: Path) -> None:
     assert (sample["lengths"] == 35).all()
     assert len(sample["rows"]) == 35 * len(sample["cells"])
     assert (sample["rows"][sample["mask"][:, 0] == 0] == 0).all()
-    assert torch.isfinite(torch.stack(list(detector.loss(detector.collate([sample])).values()))).all()
+    assert torch.isfinite(
+        torch.stack(list(detector.loss(detector.collate([sample])).values()))
+    ).all()
 
 
 def test_offsets_are_from_the_mean_of_the_voxels_points(simulated: Path) -> None:
     detector = build_detector(compose_config(["detector=voxelnet", "profile=quick"]))
     folder = KittiFolder(simulated)
-    sample = detector.encode(folder.frame(folder.split("train")[0]), np.random.default_rng(0), training=False)
+    sample = detector.encode(
+        folder.frame(folder.split("train")[0]), np.random.default_rng(0), training=False
+    )
     first = sample["rows"][: sample["lengths"][0]]
     np.testing.assert_allclose(first[:, 4:], first[:, :3] - first[:, :3].mean(axis=0), atol=1e-4)
     assert sample["lengths"].max() <= 35

@@ -27,7 +27,11 @@ def role_of_gt(gt: Labels, g: int, name: str, level: str, variant: str) -> str:
     if kind != name:
         return "absent"
     is_low = tall < height if variant == "A" else tall <= height
-    return "ignored" if gt.occluded[g] > occlusion or gt.truncated[g] > truncation or is_low else "counts"
+    return (
+        "ignored"
+        if gt.occluded[g] > occlusion or gt.truncated[g] > truncation or is_low
+        else "counts"
+    )
 
 
 def role_of_det(det: Labels, d: int, name: str, level: str) -> str:
@@ -38,7 +42,14 @@ def role_of_det(det: Labels, d: int, name: str, level: str) -> str:
 
 class Frame:
     def __init__(
-        self, gt: Labels, det: Labels, name: str, metric: str, level: str, variant: str, minimum: float
+        self,
+        gt: Labels,
+        det: Labels,
+        name: str,
+        metric: str,
+        level: str,
+        variant: str,
+        minimum: float,
     ) -> None:
         self.gt, self.det, self.minimum, self.metric = gt, det, minimum, metric
         self.overlap = overlaps(det, gt, metric)
@@ -86,7 +97,9 @@ class Frame:
 
     def is_excused(self, d: int) -> bool:
         regions = np.array([str(t).lower() == "dontcare" for t in self.gt.types], dtype=bool)
-        inside = image_iou(self.det.boxes_image[d : d + 1], self.gt.boxes_image[regions], over_a=True)
+        inside = image_iou(
+            self.det.boxes_image[d : d + 1], self.gt.boxes_image[regions], over_a=True
+        )
         return bool((inside > self.minimum).any())
 
 
@@ -104,10 +117,23 @@ def thresholds(hits: list[float], n_gt: int) -> list[float]:
 
 
 def evaluate_plainly(
-    gt: list[Labels], det: list[Labels], name: str, metric: str, level: str, variant: str, minimum: float
+    gt: list[Labels],
+    det: list[Labels],
+    name: str,
+    metric: str,
+    level: str,
+    variant: str,
+    minimum: float,
 ) -> tuple[int, list[float], list[int], list[int]]:
-    frames = [Frame(g, d, name, metric, level, variant, minimum) for g, d in zip(gt, det, strict=True)]
+    frames = [
+        Frame(g, d, name, metric, level, variant, minimum) for g, d in zip(gt, det, strict=True)
+    ]
     n_gt = sum(frame.gts.count("counts") for frame in frames)
     cuts = thresholds([s for frame in frames for s in frame.hits()], n_gt) if n_gt else []
     counts = [[frame.count(cut) for frame in frames] for cut in cuts]
-    return n_gt, cuts, [sum(tp for tp, _ in c) for c in counts], [sum(fp for _, fp in c) for c in counts]
+    return (
+        n_gt,
+        cuts,
+        [sum(tp for tp, _ in c) for c in counts],
+        [sum(fp for _, fp in c) for c in counts],
+    )

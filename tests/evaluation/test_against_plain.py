@@ -11,7 +11,17 @@ from fl3d.evaluation.average_precision import compare, evaluate
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
 from tests.evaluation.plain import evaluate_plainly
 
-KINDS = [*["Car"] * 4, "car", "Van", "Pedestrian", "Person_sitting", "Cyclist", "Truck", "DontCare", "Boat"]
+KINDS = [
+    *["Car"] * 4,
+    "car",
+    "Van",
+    "Pedestrian",
+    "Person_sitting",
+    "Cyclist",
+    "Truck",
+    "DontCare",
+    "Boat",
+]
 OVERLAPS = {"Car": (0.7, 0.5, 0.5), "Pedestrian": (0.5, 0.25, 0.25), "Cyclist": (0.5, 0.5, 0.25)}
 
 
@@ -26,7 +36,9 @@ def awkward_frame(rng: np.random.Generator) -> tuple[Labels, Labels]:
     for _ in range(rng.integers(0, 14)):
         if gt and rng.random() < 0.7:
             kind, values = gt[rng.integers(len(gt))]
-            values = values + np.concatenate([[0, 0, 0], rng.normal(0, 4, 4), rng.normal(0, 0.15, 6), [0.0]])
+            values = values + np.concatenate(
+                [[0, 0, 0], rng.normal(0, 4, 4), rng.normal(0, 0.15, 6), [0.0]]
+            )
             kind = kind if rng.random() < 0.8 else str(rng.choice(KINDS))
         else:
             kind, values = row(rng, str(rng.choice(KINDS)))
@@ -63,8 +75,15 @@ def test_both_count_the_same(variant: str, seed: int) -> None:
         for m, metric in enumerate(METRICS):
             for level in DIFFICULTIES:
                 curve = curves[name][metric][level]
-                expected = evaluate_plainly(list(gt), list(det), name.lower(), metric, level, variant, minimum[m])
-                found = (curve.n_gt, curve.thresholds.tolist(), curve.tp.tolist(), curve.fp.tolist())
+                expected = evaluate_plainly(
+                    list(gt), list(det), name.lower(), metric, level, variant, minimum[m]
+                )
+                found = (
+                    curve.n_gt,
+                    curve.thresholds.tolist(),
+                    curve.tp.tolist(),
+                    curve.fp.tolist(),
+                )
                 assert found == expected, (name, metric, level)
 
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fl3d.core.errors import ConfigError
 from fl3d.data.label_table import table_from_labels
 from fl3d.data.labels import Labels, labels_from_columns
-from fl3d.errors import ConfigError
 from fl3d.evaluation.average_precision import Curve, Curves, as_json, compare
 from fl3d.evaluation.average_precision import evaluate as evaluate_comparison
 from fl3d.evaluation.matching import recall_thresholds
@@ -21,7 +21,12 @@ def protocol(variant: str = "A", **overlaps: tuple[float, float, float]) -> Prot
 
 
 def thing(
-    x: float, kind: str = "Car", height: float = 50, occluded: int = 0, truncated: float = 0, score: float | None = None
+    x: float,
+    kind: str = "Car",
+    height: float = 50,
+    occluded: int = 0,
+    truncated: float = 0,
+    score: float | None = None,
 ) -> Row:
     """A car-sized box at x metres to the right, 20 m ahead; its 2D box stands alone as well."""
     box2d = [100 * x, 100.0, 100 * x + 80, 100 + height]
@@ -32,17 +37,23 @@ def thing(
 def frame(*rows: Row) -> Labels:
     scored = bool(rows) and len(rows[0][1]) == 15
     width = 15 if scored else 14
-    return labels_from_columns([k for k, _ in rows], np.array([r for _, r in rows]).reshape(-1, width), scored)
+    return labels_from_columns(
+        [k for k, _ in rows], np.array([r for _, r in rows]).reshape(-1, width), scored
+    )
 
 
-def evaluate(gt: list[Labels], det: list[Labels], how: Protocol, beyond: np.ndarray | None = None) -> Curves:
+def evaluate(
+    gt: list[Labels], det: list[Labels], how: Protocol, beyond: np.ndarray | None = None
+) -> Curves:
     return evaluate_comparison(compare(table_from_labels(gt), table_from_labels(det), how, beyond))
 
 
 EMPTY = labels_from_columns([], np.zeros((0, 15)), scored=True)
 
 
-def curve(gt: list[Labels], det: list[Labels], metric: str = "3d", level: str = "moderate", **kwargs: str) -> Curve:
+def curve(
+    gt: list[Labels], det: list[Labels], metric: str = "3d", level: str = "moderate", **kwargs: str
+) -> Curve:
     return evaluate(gt, det, protocol(**kwargs))["Car"][metric][level]
 
 
@@ -56,8 +67,19 @@ def test_ground_truth_against_itself_is_100() -> None:
 
 
 def test_rule_1_difficulty_limits_are_inclusive() -> None:
-    gt = [frame(thing(0, height=40), thing(1, occluded=1), thing(2, truncated=0.3), thing(3, truncated=0.31))]
-    assert [curve(gt, [EMPTY], level=level).n_gt for level in ("easy", "moderate", "hard")] == [1, 3, 4]
+    gt = [
+        frame(
+            thing(0, height=40),
+            thing(1, occluded=1),
+            thing(2, truncated=0.3),
+            thing(3, truncated=0.31),
+        )
+    ]
+    assert [curve(gt, [EMPTY], level=level).n_gt for level in ("easy", "moderate", "hard")] == [
+        1,
+        3,
+        4,
+    ]
 
 
 def test_rule_1_variants_differ_at_the_minimum_height() -> None:
@@ -79,7 +101,11 @@ def test_rule_1_a_detections_height_is_cut_to_whole_pixels() -> None:
 def test_rule_2_a_small_detection_of_any_class_can_take_a_car() -> None:
     """The small pedestrian takes the car first, so the better-placed car detection is a false alarm."""
     gt = [frame(thing(0), thing(1))]
-    det = [frame(thing(0, "Pedestrian", height=10, score=0.95), thing(1, score=0.9), thing(0, score=0.8))]
+    det = [
+        frame(
+            thing(0, "Pedestrian", height=10, score=0.95), thing(1, score=0.9), thing(0, score=0.8)
+        )
+    ]
     found = curve(gt, det)
     assert found.thresholds.tolist() == [0.9]
 
@@ -123,7 +149,9 @@ def test_rule_5_thresholds_follow_recall_in_steps_of_a_fortieth() -> None:
 def test_rule_6_precision_is_made_monotone_from_the_right() -> None:
     """A false alarm above all hits: precision 1/2, 2/3, 3/4 becomes 3/4 throughout."""
     gt = [frame(thing(0), thing(1), thing(2))]
-    det = [frame(thing(5, score=0.99), thing(0, score=0.9), thing(1, score=0.8), thing(2, score=0.7))]
+    det = [
+        frame(thing(5, score=0.99), thing(0, score=0.9), thing(1, score=0.8), thing(2, score=0.7))
+    ]
     found = curve(gt, det)
     assert found.precision[: len(found.thresholds)].tolist() == [0.75] * 3
 
@@ -140,7 +168,10 @@ def test_rule_7_vans_are_neutral_and_names_compare_without_case() -> None:
     det = [frame(thing(0, "CAR", score=0.9), thing(1, score=0.99), thing(2, score=0.95))]
     found = curve(gt, det)
     assert found.n_gt == 1
-    assert (found.tp.tolist(), found.fp.tolist()) == ([1], [1])  # the van's is no false alarm, the truck's is
+    assert (found.tp.tolist(), found.fp.tolist()) == (
+        [1],
+        [1],
+    )  # the van's is no false alarm, the truck's is
 
 
 def test_rule_8_dontcare_excuses_false_alarms_in_the_image_alone() -> None:
@@ -215,7 +246,9 @@ def test_rule_10_orientation_similarity_and_the_angle_that_switches_it_off() -> 
     det = [frame(angled(0, np.pi / 2, 0.9), angled(1, 0.0, 0.8))]
     found = curve(gt, det, "image")
     assert found.orientation is not None
-    assert found.orientation[:2] == pytest.approx([0.75, 0.75])  # (1/2 + 1) / 2, and 1/2 before made monotone
+    assert found.orientation[:2] == pytest.approx(
+        [0.75, 0.75]
+    )  # (1/2 + 1) / 2, and 1/2 before made monotone
     assert "aos_r11" in as_json(evaluate(gt, det, protocol()))["Car"]["image"]["moderate"]
     switched = [frame(angled(0, np.pi / 2, 0.9), angled(1, -10.0, 0.8))]
     assert curve(gt, switched, "image").orientation is None
@@ -237,7 +270,9 @@ def test_the_order_of_frames_and_of_lines_does_not_matter(seed: int) -> None:
     for _ in range(5):
         places = rng.permutation(20)[: rng.integers(1, 8)]
         gt.append([thing(float(x), occluded=int(rng.integers(0, 3))) for x in places])
-        det.append([thing(float(x) + rng.normal(0, 0.1), score=float(rng.random())) for x in places])
+        det.append(
+            [thing(float(x) + rng.normal(0, 0.1), score=float(rng.random())) for x in places]
+        )
     shuffled = rng.permutation(5)
     first = evaluate([frame(*g) for g in gt], [frame(*d) for d in det], protocol())["Car"]
     second = evaluate(
@@ -247,4 +282,6 @@ def test_the_order_of_frames_and_of_lines_does_not_matter(seed: int) -> None:
     )["Car"]
     for metric in first:
         for level in first[metric]:
-            np.testing.assert_array_equal(first[metric][level].precision, second[metric][level].precision)
+            np.testing.assert_array_equal(
+                first[metric][level].precision, second[metric][level].precision
+            )

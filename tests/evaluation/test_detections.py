@@ -6,15 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fl3d.core.errors import DataError
 from fl3d.data.calibration import MEAN
 from fl3d.data.projection import project_boxes
-from fl3d.errors import DataError
 from fl3d.evaluation.detections import Detections, read_detections, to_labels, write_detections
 from fl3d.evaluation.protocol import Protocol
 
 SIZE = (1242, 375)
 PROTOCOL = Protocol("test", "A", {"Car": (0.7, 0.5, 0.5)}, 0.3, 0.1, "rotated", 20)
-BOXES = np.array([[20.0, 0, -1.7, 1.5, 1.6, 4, 0], [10.0, 3, -1.7, 1.5, 1.6, 4, 0.1], [30.0, -5, -1.7, 1.5, 1.6, 4, 0]])
+BOXES = np.array(
+    [
+        [20.0, 0, -1.7, 1.5, 1.6, 4, 0],
+        [10.0, 3, -1.7, 1.5, 1.6, 4, 0.1],
+        [30.0, -5, -1.7, 1.5, 1.6, 4, 0],
+    ]
+)
 SCORES = np.array([0.9, 0.8, 0.2])
 IMAGES = np.array([[600.0, 170, 680, 240], [400.0, 150, 520, 260], [1.0, 2, 3, 4]])
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from fl3d.config import CONF, compose_config
-from fl3d.errors import ConfigError, DataError
+from fl3d.config.compose import CONF, compose_config
+from fl3d.core.errors import ConfigError, DataError
 from fl3d.evaluation.folders import evaluate_folder
 from fl3d.evaluation.protocol import Protocol
 
@@ -49,7 +49,9 @@ def test_frames_with_a_file_count_empty_ones_too_others_not(folders: tuple[Path,
         ("kitti_loose", "B", [0.7, 0.5, 0.5], [0.5, 0.25, 0.25]),
     ],
 )
-def test_the_named_protocols(name: str, variant: str, car: list[float], person: list[float]) -> None:
+def test_the_named_protocols(
+    name: str, variant: str, car: list[float], person: list[float]
+) -> None:
     found = protocol(name)
     assert (found.variant, found.overlaps["Car"]) == (variant, car)
     assert found.overlaps["Pedestrian"] == found.overlaps["Cyclist"] == person
@@ -97,7 +99,9 @@ def test_bad_folders_are_named(folders: tuple[Path, Path], tmp_path: Path) -> No
 
 
 def test_boxes_without_extent_are_survived(folders: tuple[Path, Path]) -> None:
-    (folders[1] / "000001.txt").write_text(DET.replace("1.73 4.15", "0.00 0.00") + DET.replace("1.73", "-1.73"))
+    (folders[1] / "000001.txt").write_text(
+        DET.replace("1.73 4.15", "0.00 0.00") + DET.replace("1.73", "-1.73")
+    )
     curves, _ = evaluate_folder(*folders, protocol("kitti"))
     assert curves["Car"]["3d"]["moderate"].tp.tolist() == [1]
 
@@ -105,7 +109,10 @@ def test_boxes_without_extent_are_survived(folders: tuple[Path, Path]) -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("protocol.score_threshold=abc", "protocol.score_threshold: 'abc' is not a number from 0 to 1"),
+        (
+            "protocol.score_threshold=abc",
+            "protocol.score_threshold: 'abc' is not a number from 0 to 1",
+        ),
         ("protocol.nms_iou=2", "protocol.nms_iou: '2' is not a number from 0 to 1"),
         ("protocol.max_detections=0", "protocol.max_detections: '0' is not a whole number"),
         ("protocol.variant=C", "protocol.variant: no choice 'C'"),
@@ -118,7 +125,15 @@ def test_values_that_no_protocol_has_are_named(override: str, message: str) -> N
 
 
 def test_a_folder_that_cannot_be_written_to_is_named(folders: tuple[Path, Path]) -> None:
-    command = [sys.executable, "-m", "fl3d", "evaluate", *map(str, folders), "--json", "/proc/nowhere/x.json"]
+    command = [
+        sys.executable,
+        "-m",
+        "fl3d",
+        "evaluate",
+        *map(str, folders),
+        "--json",
+        "/proc/nowhere/x.json",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, cwd=CONF.parent, check=False)
     assert done.returncode == 1
     assert "cannot be written" in done.stderr

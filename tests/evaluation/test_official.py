@@ -49,25 +49,38 @@ def test_point_gnn(val: LabelTable, ids: list[str], eval_cases: Path, tmp_path: 
     check(eval_cases / "pointgnn_val" / "expected.csv", val, read_table(folder, ids, scored=True))
 
 
-def test_rgb_detections(val: LabelTable, ids: list[str], eval_cases: Path, kitti_sample: Path) -> None:
+def test_rgb_detections(
+    val: LabelTable, ids: list[str], eval_cases: Path, kitti_sample: Path
+) -> None:
     rows: dict[str, list[list[float]]] = {frame_id: [] for frame_id in ids}
-    for line in (kitti_sample / "rgb_detections" / "rgb_detection_val.txt").read_text().splitlines():
+    for line in (
+        (kitti_sample / "rgb_detections" / "rgb_detection_val.txt").read_text().splitlines()
+    ):
         path, kind, score, *box = line.split()
         if kind == "2":
             rows[Path(path).stem].append([0, 0, -10, *map(float, box), *[0.0] * 7, float(score)])
-    frames = [labels_from_columns(["Car"] * len(r), np.array(r).reshape(-1, 15), scored=True) for r in rows.values()]
+    frames = [
+        labels_from_columns(["Car"] * len(r), np.array(r).reshape(-1, 15), scored=True)
+        for r in rows.values()
+    ]
     check(eval_cases / "rgb2d_val" / "expected.csv", val, table_from_labels(frames))
 
 
 def test_variants_count_their_ground_truths(val: LabelTable) -> None:
-    nothing = LabelTable(np.zeros(len(val) + 1, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 15)))
+    nothing = LabelTable(
+        np.zeros(len(val) + 1, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 15))
+    )
     for variant, expected in (("A", [2907, 7876, 10963]), ("B", [2906, 7874, 10960])):
         curves = evaluate(compare(val, nothing, protocol(variant)))["Car"]["3d"]
         assert [curves[level].n_gt for level in LEVELS] == expected
 
 
-def test_the_fast_reader_reads_what_the_plain_one_does(val: LabelTable, ids: list[str], kitti_sample: Path) -> None:
-    plain = table_from_labels([read_labels(kitti_sample / "training" / "label_2" / f"{i}.txt") for i in ids])
+def test_the_fast_reader_reads_what_the_plain_one_does(
+    val: LabelTable, ids: list[str], kitti_sample: Path
+) -> None:
+    plain = table_from_labels(
+        [read_labels(kitti_sample / "training" / "label_2" / f"{i}.txt") for i in ids]
+    )
     np.testing.assert_array_equal(val.offsets, plain.offsets)
     np.testing.assert_array_equal(val.types, plain.types)
     np.testing.assert_array_equal(val.values, plain.values)

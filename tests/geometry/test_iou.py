@@ -6,14 +6,14 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fl3d.errors import ConfigError
+from fl3d.core.errors import ConfigError
 from fl3d.geometry.boxes import standup
 from fl3d.geometry.iou import bev_and_3d_iou_cam, bev_and_3d_iou_velo, bev_iou, image_iou
 from fl3d.geometry.nms import nms
 
-rectangle = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.1, 6), st.floats(0.1, 6), st.floats(-7, 7)).map(
-    np.array
-)
+rectangle = st.tuples(
+    st.floats(-5, 5), st.floats(-5, 5), st.floats(0.1, 6), st.floats(0.1, 6), st.floats(-7, 7)
+).map(np.array)
 
 
 def polygon(r: np.ndarray) -> shapely.Polygon:
@@ -62,7 +62,9 @@ def test_image_overlap_over_the_detection() -> None:
 
 
 def test_nms_keeps_the_best_of_each_heap() -> None:
-    rectangles = np.array([[0.0, 0, 4, 2, 0], [0.5, 0, 4, 2, 0], [20.0, 0, 4, 2, 0], [0.2, 0, 4, 2, 0]])
+    rectangles = np.array(
+        [[0.0, 0, 4, 2, 0], [0.5, 0, 4, 2, 0], [20.0, 0, 4, 2, 0], [0.2, 0, 4, 2, 0]]
+    )
     kept = nms(rectangles, np.array([0.5, 0.9, 0.1, 0.7]), iou=0.1, kind="standup", max_kept=9)
     assert kept.tolist() == [1, 2]
 
@@ -97,11 +99,19 @@ def test_nms_in_3d_keeps_what_stands_on_top() -> None:
 
 
 @pytest.mark.parametrize("kind", ["standup", "rotated", "3d"])
-@given(seed=st.integers(0, 2**31), spread=st.sampled_from([5.0, 60.0]), iou=st.sampled_from([0.0, 0.1, 0.5]))
+@given(
+    seed=st.integers(0, 2**31),
+    spread=st.sampled_from([5.0, 60.0]),
+    iou=st.sampled_from([0.0, 0.1, 0.5]),
+)
 def test_nms_equals_its_plain_definition(kind: str, seed: int, spread: float, iou: float) -> None:
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 60))
-    shape = (rng.uniform(-spread, spread, (n, 2)), rng.uniform(0.3, 6, (n, 2)), rng.uniform(-4, 4, (n, 1)))
+    shape = (
+        rng.uniform(-spread, spread, (n, 2)),
+        rng.uniform(0.3, 6, (n, 2)),
+        rng.uniform(-4, 4, (n, 1)),
+    )
     rectangles, scores = np.concatenate(shape, axis=1), rng.random(n)
     hulls = standup(rectangles)
     lowest, height = rng.uniform(-2, 0, n), rng.uniform(0.5, 2, n)
@@ -115,4 +125,7 @@ def test_nms_equals_its_plain_definition(kind: str, seed: int, spread: float, io
     for i in np.argsort(-scores):
         if all(overlap[j, i] <= iou for j in kept):
             kept.append(int(i))
-    assert nms(rectangles, scores, iou, kind, n, np.column_stack([lowest, lowest + height])).tolist() == kept
+    assert (
+        nms(rectangles, scores, iou, kind, n, np.column_stack([lowest, lowest + height])).tolist()
+        == kept
+    )

@@ -12,7 +12,9 @@ from fl3d.points.operators import ball_query, farthest_points, first_true, gathe
 
 
 def clouds(seed: int, n_clouds: int, n_points: int) -> Tensor:
-    return torch.from_numpy(np.random.default_rng(seed).uniform(-3, 3, (n_clouds, n_points, 3)).astype(np.float32))
+    return torch.from_numpy(
+        np.random.default_rng(seed).uniform(-3, 3, (n_clouds, n_points, 3)).astype(np.float32)
+    )
 
 
 def plain_farthest(cloud: np.ndarray, count: int) -> list[int]:
@@ -25,10 +27,14 @@ def plain_farthest(cloud: np.ndarray, count: int) -> list[int]:
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.integers(1, 3), st.integers(1, 40), st.integers(1, 12))
-def test_farthest_points_as_a_plain_loop_finds_them(seed: int, n_clouds: int, n_points: int, count: int) -> None:
+def test_farthest_points_as_a_plain_loop_finds_them(
+    seed: int, n_clouds: int, n_points: int, count: int
+) -> None:
     points = clouds(seed, n_clouds, n_points)
     found = farthest_points(points, min(count, n_points))
-    assert found.tolist() == [plain_farthest(cloud.numpy(), min(count, n_points)) for cloud in points]
+    assert found.tolist() == [
+        plain_farthest(cloud.numpy(), min(count, n_points)) for cloud in points
+    ]
 
 
 def test_farthest_points_by_hand() -> None:
@@ -38,7 +44,13 @@ def test_farthest_points_by_hand() -> None:
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10_000), st.integers(1, 3), st.integers(1, 40), st.floats(0.1, 4), st.integers(1, 9))
+@given(
+    st.integers(0, 10_000),
+    st.integers(1, 3),
+    st.integers(1, 40),
+    st.floats(0.1, 4),
+    st.integers(1, 9),
+)
 def test_ball_query_as_a_plain_loop_finds_it(
     seed: int, n_clouds: int, n_points: int, radius: float, count: int
 ) -> None:
@@ -53,7 +65,9 @@ def test_ball_query_as_a_plain_loop_finds_it(
             assert found[b, m].tolist() == inside + [inside[0]] * (count - len(inside))
 
 
-def test_balls_of_several_radii_and_in_parts_are_those_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_balls_of_several_radii_and_in_parts_are_those_of_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     points = clouds(0, 3, 30)
     whole = ball_query(points, points[:, :7], [0.5, 2.0], [4, 8])
     monkeypatch.setattr("fl3d.points.operators.PAIRS_AT_ONCE", 1)
@@ -70,14 +84,19 @@ def test_first_true_by_hand() -> None:
 
 def test_gather_takes_rows_of_the_own_cloud() -> None:
     rows = torch.arange(12.0).view(2, 3, 2)
-    assert gather(rows, torch.tensor([[2, 0], [1, 1]])).tolist() == [[[4, 5], [0, 1]], [[8, 9], [8, 9]]]
+    assert gather(rows, torch.tensor([[2, 0], [1, 1]])).tolist() == [
+        [[4, 5], [0, 1]],
+        [[8, 9], [8, 9]],
+    ]
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.integers(1, 20), st.integers(1, 8))
 def test_interpolation_as_a_plain_loop_finds_it(seed: int, n_points: int, n_known: int) -> None:
     points, known = clouds(seed, 2, n_points), clouds(seed + 1, 2, n_known)
-    features = torch.from_numpy(np.random.default_rng(seed).normal(size=(2, n_known, 4)).astype(np.float32))
+    features = torch.from_numpy(
+        np.random.default_rng(seed).normal(size=(2, n_known, 4)).astype(np.float32)
+    )
     found = interpolate(points, known, features).numpy()
     for b in range(2):
         for n in range(n_points):
@@ -117,5 +136,7 @@ def test_features_of_a_ball_do_not_depend_on_the_order_of_its_points() -> None:
     level = SetAbstraction(0, Level(1, [9.0], [10], [[8]]))
     level.eval()
     points = clouds(5, 1, 10)
-    other = torch.cat([points[:, :1], points[:, 1:].flip(1)], dim=1)  # the first point is the centre
+    other = torch.cat(
+        [points[:, :1], points[:, 1:].flip(1)], dim=1
+    )  # the first point is the centre
     torch.testing.assert_close(level(points, None)[1], level(other, None)[1])

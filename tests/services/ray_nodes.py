@@ -16,14 +16,24 @@ _CLUSTER: list[Any] = []
 def cluster() -> Iterator[None]:
     """Start it and join it."""
     with tempfile.TemporaryDirectory(dir="/tmp") as folder:
-        os.environ |= {"RAY_TMPDIR": folder, "RAY_AUTH_MODE": "disabled", "RAY_USAGE_STATS_ENABLED": "0"}
+        os.environ["RAY_TMPDIR"] = folder
+        os.environ["RAY_AUTH_MODE"] = "disabled"
+        os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
         import ray
         from ray.cluster_utils import Cluster
 
-        head = {"num_cpus": 0, "num_gpus": 0, "object_store_memory": MEMORY, "include_dashboard": False}
+        head = {
+            "num_cpus": 0,
+            "num_gpus": 0,
+            "object_store_memory": MEMORY,
+            "include_dashboard": False,
+        }
         own = Cluster(initialize_head=True, head_node_args=head)
         _CLUSTER.append(own)
-        _NODES.extend(own.add_node(num_cpus=1, num_gpus=int(n == 0), object_store_memory=MEMORY) for n in range(3))
+        for number in range(3):
+            n_cards = 1 if number == 0 else 0
+            node = own.add_node(num_cpus=1, num_gpus=n_cards, object_store_memory=MEMORY)
+            _NODES.append(node)
         own.wait_for_nodes()
         ray.init(address=own.address, log_to_driver=False, logging_level="ERROR")
         try:

@@ -15,12 +15,21 @@ from fl3d.sparse.rulebook import voxel_layout
 Shape = tuple[int, int, int]
 Layer = tuple[int, int, object, object, object]  # channels in and out, kernel, stride, padding
 
-VOXELNET = ((10, 13, 17), [(3, 4, 3, (2, 1, 1), (1, 1, 1)), (4, 5, 3, 1, (0, 1, 1)), (5, 6, 3, (2, 1, 1), 1)])
+VOXELNET = (
+    (10, 13, 17),
+    [(3, 4, 3, (2, 1, 1), (1, 1, 1)), (4, 5, 3, 1, (0, 1, 1)), (5, 6, 3, (2, 1, 1), 1)],
+)
 FCN3D = ((16, 15, 22), [(1, 4, 5, 2, 2), (4, 5, 5, 2, 2), (5, 6, 3, 2, 1), (6, 6, 3, 1, 1)])
 ODD = ((5, 9, 11), [(2, 4, 3, 1, 1), (4, 4, 3, 2, 1), (4, 3, (1, 3, 3), 1, (0, 1, 1))])
 # On into two dimensions, the depth in the channels; "up" is a deconvolution.
-BEV = ((5, 13, 16), [(2, 3, 3, (2, 1, 1), 1), (9, 5, (3, 3), 2, 1), (5, 6, (3, 3), 1, 1), (6, 4, "up", 1, 1)])
-RAISED = ((4, 7, 9), [(8, 5, (3, 1), (1, 2), (0, 1)), (5, 3, "up", 1, 0)])  # begins in two dimensions
+BEV = (
+    (5, 13, 16),
+    [(2, 3, 3, (2, 1, 1), 1), (9, 5, (3, 3), 2, 1), (5, 6, (3, 3), 1, 1), (6, 4, "up", 1, 1)],
+)
+RAISED = (
+    (4, 7, 9),
+    [(8, 5, (3, 1), (1, 2), (0, 1)), (5, 3, "up", 1, 0)],
+)  # begins in two dimensions
 FORWARD, GRADIENT = 1e-12, 1e-10
 CASES = (VOXELNET, FCN3D, ODD, BEV, RAISED)
 
@@ -35,11 +44,20 @@ def network(sparse: bool, config: Sequence[Layer], norm_first: bool) -> nn.Seque
     modules: list[nn.Module] = []
     for c_in, c_out, kernel, stride, padding in config:
         if kernel == "up":
-            conv, norm = kinds.ConvTranspose2d(c_in, c_out, 3, stride, padding), kinds.BatchNorm2d(c_out)
+            conv, norm = (
+                kinds.ConvTranspose2d(c_in, c_out, 3, stride, padding),
+                kinds.BatchNorm2d(c_out),
+            )
         elif isinstance(kernel, tuple) and len(kernel) == 2:
-            conv, norm = kinds.Conv2d(c_in, c_out, kernel, stride, padding), kinds.BatchNorm2d(c_out)
+            conv, norm = (
+                kinds.Conv2d(c_in, c_out, kernel, stride, padding),
+                kinds.BatchNorm2d(c_out),
+            )
         else:
-            conv, norm = kinds.Conv3d(c_in, c_out, kernel, stride, padding), kinds.BatchNorm3d(c_out)
+            conv, norm = (
+                kinds.Conv3d(c_in, c_out, kernel, stride, padding),
+                kinds.BatchNorm3d(c_out),
+            )
         flat = [] if isinstance(conv, nn.Conv3d) else [Flatten()]
         modules += flat + ([conv, norm, kinds.ReLU()] if norm_first else [conv, kinds.ReLU(), norm])
     return nn.Sequential(*modules)
@@ -47,13 +65,18 @@ def network(sparse: bool, config: Sequence[Layer], norm_first: bool) -> nn.Seque
 
 def width(shape: Shape, config: Sequence[Layer]) -> int:
     """Channels of a voxel: a network that begins in two dimensions takes the depth for channels too."""
-    return config[0][0] // (shape[0] if isinstance(config[0][2], tuple) and len(config[0][2]) == 2 else 1)
+    return config[0][0] // (
+        shape[0] if isinstance(config[0][2], tuple) and len(config[0][2]) == 2 else 1
+    )
 
 
 def pair(config: Sequence[Layer], norm_first: bool) -> tuple[nn.Sequential, nn.Sequential]:
     """A dense network and a sparse one of the same weights; no value is at ReLU's corner."""
     torch.manual_seed(0)
-    dense, sparse = network(False, config, norm_first).double(), network(True, config, norm_first).double()
+    dense, sparse = (
+        network(False, config, norm_first).double(),
+        network(True, config, norm_first).double(),
+    )
     for parameter in dense.parameters():
         nn.init.normal_(parameter, std=0.4)
     sparse.load_state_dict(dense.state_dict())
@@ -65,11 +88,15 @@ def scatter(values: Tensor, cells: Tensor, shape: Shape, batch: int) -> Tensor:
     return grid.index_put(tuple(cells.unbind(1)), values).movedim(-1, 1)
 
 
-def through(network: nn.Sequential, values: Tensor, cells: Tensor, shape: Shape, batch: int) -> Tensor:
+def through(
+    network: nn.Sequential, values: Tensor, cells: Tensor, shape: Shape, batch: int
+) -> Tensor:
     """Sort the voxels and send them through as a map."""
     b, z, y, x = cells.unbind(1)
     order = torch.argsort(((b * shape[0] + z) * shape[1] + y) * shape[2] + x)
-    out = network(BackgroundMap.from_voxels(values[order], voxel_layout(cells[order], shape, batch)))
+    out = network(
+        BackgroundMap.from_voxels(values[order], voxel_layout(cells[order], shape, batch))
+    )
     assert isinstance(out, BackgroundMap)
     flat = any(isinstance(module, nn.BatchNorm2d) for module in network)
     return dense_bev(out) if flat else dense(out)
@@ -86,14 +113,22 @@ def corners(shape: Shape, batch: int) -> Tensor:
 
 
 def compare(
-    dense: nn.Sequential, sparse: nn.Sequential, cells: Tensor, shape: Shape, batch: int, width: int, loose: float = 1.0
+    dense: nn.Sequential,
+    sparse: nn.Sequential,
+    cells: Tensor,
+    shape: Shape,
+    batch: int,
+    width: int,
+    loose: float = 1.0,
 ) -> None:
     values = torch.randn(len(cells), width, dtype=torch.float64, requires_grad=True)
     again = values.detach().clone().requires_grad_()
     expected = dense(scatter(values, cells, shape, batch))
     found = through(sparse, again, cells, shape, batch)
     assert found.is_contiguous()
-    assert (found - expected).abs().max() <= loose * FORWARD * max(1.0, float(expected.detach().abs().max()))
+    assert (found - expected).abs().max() <= loose * FORWARD * max(
+        1.0, float(expected.detach().abs().max())
+    )
     gradient = torch.randn_like(expected)
     dense.zero_grad()
     sparse.zero_grad()
@@ -111,12 +146,12 @@ def compare(
 
 @pytest.fixture(autouse=True)
 def _never_dense(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(layers, "CROWDED", float("inf"))
+    monkeypatch.setattr(layers, "DENSE_FROM", float("inf"))
 
 
 @pytest.mark.parametrize("norm_first", [False, True])
 @pytest.mark.parametrize("batch", [1, 2])
-@pytest.mark.parametrize("case", ["sparse", "corners", "empty", "crowded"])
+@pytest.mark.parametrize("case", ["sparse", "corners", "empty", "dense"])
 @pytest.mark.parametrize(("shape", "config"), CASES)
 def test_a_map_goes_through_as_the_dense_grid_does(
     shape: Shape, config: list[Layer], case: str, batch: int, norm_first: bool
@@ -124,13 +159,25 @@ def test_a_map_goes_through_as_the_dense_grid_does(
     dense, sparse = pair(config, norm_first)
     cells = corners(shape, batch)
     if case != "corners":
-        cells = random_cells(shape, batch, {"sparse": 0.02, "empty": 0.0, "crowded": 0.3}[case])
-    for mode in (True, True, False):  # the running statistics of two steps, then evaluation with them
+        cells = random_cells(shape, batch, {"sparse": 0.02, "empty": 0.0, "dense": 0.3}[case])
+    for mode in (
+        True,
+        True,
+        False,
+    ):  # the running statistics of two steps, then evaluation with them
         dense.train(mode)
         sparse.train(mode)
         # An empty grid is constant before the first normalisation, which divides its zero spread, or what rounding
         # makes of it in the dense network, by sqrt(eps): 316 times larger, layer after layer.
-        compare(dense, sparse, cells, shape, batch, width(shape, config), 1e5 if case == "empty" else 1.0)
+        compare(
+            dense,
+            sparse,
+            cells,
+            shape,
+            batch,
+            width(shape, config),
+            1e5 if case == "empty" else 1.0,
+        )
 
 
 def test_one_sample_may_be_empty() -> None:
@@ -163,8 +210,8 @@ def test_the_same_bits_each_time_whatever_the_order_of_the_voxels() -> None:
         assert all(torch.equal(a, b) for a, b in zip(seen[0], other, strict=True))
 
 
-def test_a_crowded_map_goes_on_dense(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(layers, "CROWDED", 0.6)
+def test_a_map_of_many_rows_becomes_dense(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layers, "DENSE_FROM", 0.6)
     (shape, config), values = ODD, torch.ones(1, 2, dtype=torch.float64)
     dense, sparse = pair(config, norm_first=False)
     cells = random_cells(shape, 1, 0.9)
@@ -181,7 +228,9 @@ def test_a_layout_travels_as_one_tensor_and_arrives_whole() -> None:
     _, sparse = pair(config, norm_first=False)
     cells = random_cells(shape, 2, 0.05)
     b, z, y, x = cells.unbind(1)
-    layout = voxel_layout(cells[torch.argsort(((b * shape[0] + z) * shape[1] + y) * shape[2] + x)], shape, 2)
+    layout = voxel_layout(
+        cells[torch.argsort(((b * shape[0] + z) * shape[1] + y) * shape[2] + x)], shape, 2
+    )
     assert layers.lay_out(layout, sparse) is not None
     packed, _ = pack(layout)
     again = pickle.loads(pickle.dumps(layout))
@@ -222,7 +271,9 @@ def test_under_autocast_products_are_low_and_all_else_is_single() -> None:
 
 
 @pytest.mark.parametrize("case", [(16, 3, (2, 1, 1), 1), (8, 3, 1, (0, 1, 1))])
-def test_a_single_small_grid_takes_another_way_to_the_same(case: tuple[int, int, object, object]) -> None:
+def test_a_single_small_grid_takes_another_way_to_the_same(
+    case: tuple[int, int, object, object],
+) -> None:
     channels, kernel, stride, padding = case
     torch.manual_seed(0)
     ours = layers.Conv3d(channels, 5, kernel, stride, padding)

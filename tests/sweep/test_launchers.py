@@ -1,8 +1,10 @@
 """The contract of every launcher, run over each YAML in conf/hydra/launcher.
 
-SLURM and Ray are run where they are to be had: `make test-slurm` and `make test-ray` install and start them.
+SLURM and Ray are run where they are to be had: `make test-slurm` and `make test-ray` install and
+start them.
 """
 
+import json
 import os
 import shutil
 import signal
@@ -14,14 +16,15 @@ from pathlib import Path
 
 import pytest
 
-from fl3d.config import CONF, build, multirun
-from fl3d.errors import StageFailed
-from fl3d.leases import holder_of
-from fl3d.pipeline import Sweep
-from fl3d.records import StagePaths
+from fl3d.config.compose import CONF, multirun
+from fl3d.config.objects import build
+from fl3d.core.errors import StageFailed
+from fl3d.core.leases import holder_of
+from fl3d.runs.layout import RunFolder
+from fl3d.runs.spec import Spec, write_spec
 from fl3d.sweep.launchers.base import JobState, Launcher
-from fl3d.training.run import write_spec
-from tests.support import small_sweep
+from fl3d.sweep.run import Prepared, machine
+from tests.support import run_small, small_sweep
 
 LAUNCHERS = sorted(path.stem for path in (CONF / "hydra" / "launcher").glob("*.yaml"))
 POINTS = [["detector=voxelnet", f"loss.gamma={g}"] for g in (0, 2)]
@@ -77,12 +80,17 @@ def when(condition: object, action: object) -> threading.Thread:
     return thread
 
 
-def warmup(sweep: Sweep) -> StagePaths:
-    return StagePaths(sweep.stages_root / sweep.plan.trials[0].stages[0])
+def warmup(sweep: Prepared) -> RunFolder:
+    return sweep.layout.run(sweep.plan.trials[0].stages[0])
 
 
-def kill_trainer(paths: StagePaths) -> None:
-    holder = holder_of(paths.lease)
+def write_spec_of(sweep: Prepared, folder: RunFolder) -> None:
+    """As the scheduler does before it launches a stage."""
+    write_spec(folder, Spec(sweep.plan.stages[folder.key], machine(sweep)))
+
+
+def kill_trainer(folder: RunFolder) -> None:
+    holder = holder_of(folder.lease)
     assert holder is not None
     os.kill(holder.pid, signal.SIGKILL)
 
@@ -90,8 +98,9 @@ def kill_trainer(paths: StagePaths) -> None:
 def test_it_trains_a_sweep_to_its_scores(name: str, simulated: Path, shared: Path) -> None:
     sweep = small_sweep(simulated, shared, POINTS)
     launcher = make(name)
-    outcome = sweep.run(launcher)
-    assert len(outcome.trained) == 3
+    ran = run_small(sweep, launcher)
+    assert len(ran.outcome.trained) == 3
+    assert all(len(ran.recorder.store.logged_steps(run)) == 4 for run in ran.recorder.runs)
     assert launcher.slots >= 1
 
 
@@ -102,101 +111,112 @@ def test_it_brings_back_the_error(name: str, simulated: Path, shared: Path) -> N
     try:
         victim.write_bytes(whole[:-3])
         with pytest.raises(StageFailed, match="not a whole number of points"):
-            sweep.run(make(name))
+            run_small(sweep, make(name))
     finally:
         victim.write_bytes(whole)
 
 
-def test_a_killed_stage_goes_on_from_its_checkpoint(name: str, simulated: Path, shared: Path) -> None:
+def test_a_killed_stage_resumes_from_its_checkpoint(
+    name: str, simulated: Path, shared: Path
+) -> None:
     if name == "inline":
         pytest.skip("inline runs in this very process")
     sweep = small_sweep(simulated, shared, POINTS[:1], *LONG)
-    paths = warmup(sweep)
+    folder = warmup(sweep)
     kept: list[int] = []
 
     def kill() -> None:
-        kept.extend(paths.steps())
-        kill_trainer(paths)
+        kept.extend(folder.steps())
+        kill_trainer(folder)
 
-    killer = when(lambda: len(paths.steps()) >= 2 and holder_of(paths.lease), kill)
-    outcome = sweep.run(make(name))
+    killer = when(lambda: len(folder.steps()) >= 2 and holder_of(folder.lease), kill)
+    ran = run_small(sweep, make(name))
     killer.join()
     assert kept
-    assert len(outcome.trained) == 2
-    assert len(paths.steps()) == 40
+    assert len(ran.outcome.trained) == 2
+    assert len(folder.steps()) == 40
 
 
-def test_a_cancelled_stage_ends_and_keeps_its_checkpoints(name: str, simulated: Path, shared: Path) -> None:
+def test_a_cancelled_stage_ends_and_keeps_its_checkpoints(
+    name: str, simulated: Path, shared: Path
+) -> None:
     if name == "inline":
         pytest.skip("inline is done when launch returns")
     sweep = small_sweep(simulated, shared, POINTS[:1], *LONG)
-    paths, stage = warmup(sweep), sweep.plan.stages[sweep.plan.trials[0].stages[0]]
-    write_spec(paths, stage, sweep.machine())
+    folder = warmup(sweep)
+    write_spec_of(sweep, folder)
     launcher = make(name)
-    job = launcher.launch(paths.folder)
+    job = launcher.launch(folder.path)
     deadline = time.monotonic() + PATIENCE
-    while not paths.steps():
+    while not folder.steps():
         assert time.monotonic() < deadline
         assert job.state() is JobState.RUNNING
         time.sleep(0.05)
     job.cancel()
-    while holder_of(paths.lease) is not None:
+    while holder_of(folder.lease) is not None:
         assert time.monotonic() < deadline, "the process lives on"
         time.sleep(0.1)
     launcher.close()
-    assert 0 < len(paths.steps()) < 40
-    assert not paths.done.exists()
+    assert 0 < len(folder.steps()) < 40
+    assert not folder.is_done
 
 
 def scontrol(*arguments: str) -> str:
-    return subprocess.run(["scontrol", *arguments], capture_output=True, text=True, check=True).stdout
+    command = ["scontrol", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
-def job_of(paths: StagePaths) -> str:
-    import json
-
-    return str(json.loads((paths.folder / "slurm.json").read_text())["job"])
+def job_of(folder: RunFolder) -> str:
+    return str(json.loads((folder.path / "slurm.json").read_text())["job"])
 
 
 @pytest.mark.parametrize("name", ["slurm"], indirect=True)
-def test_slurm_holds_children_until_their_parent_is_done(name: str, simulated: Path, shared: Path) -> None:
+def test_slurm_holds_children_until_their_parent_is_done(
+    name: str, simulated: Path, shared: Path
+) -> None:
     sweep = small_sweep(simulated, shared, POINTS, *LONG)
-    parent, children = warmup(sweep), [StagePaths(sweep.stages_root / trial.key) for trial in sweep.plan.trials]
+    parent = warmup(sweep)
+    children = [sweep.layout.run(trial.key) for trial in sweep.plan.trials]
     seen: list[str] = []
 
     def look() -> None:
-        assert not parent.done.exists()
+        assert not parent.is_done
         seen.extend(scontrol("-o", "show", "job", job_of(child)) for child in children)
 
-    looker = when(lambda: all((child.folder / "slurm.json").exists() for child in children), look)
-    sweep.run(make(name))
+    looker = when(lambda: all((child.path / "slurm.json").exists() for child in children), look)
+    run_small(sweep, make(name))
     looker.join()
     assert len(seen) == 2
-    assert all(f"Dependency=afterok:{job_of(parent)}" in line and "JobState=PENDING" in line for line in seen)
+    assert all(f"Dependency=afterok:{job_of(parent)}" in line for line in seen)
+    assert all("JobState=PENDING" in line for line in seen)
 
 
 @pytest.mark.parametrize("name", ["slurm"], indirect=True)
-def test_a_requeued_job_goes_on(name: str, simulated: Path, shared: Path) -> None:
+def test_a_requeued_job_resumes(name: str, simulated: Path, shared: Path) -> None:
     """As after a pre-emption: SLURM itself starts the same job again."""
     sweep = small_sweep(simulated, shared, POINTS, *LONG)
-    paths = warmup(sweep)
-    requeue = when(lambda: len(paths.steps()) >= 2, lambda: scontrol("requeue", job_of(paths)))
-    outcome = sweep.run(make(name))
+    folder = warmup(sweep)
+    requeue = when(lambda: len(folder.steps()) >= 2, lambda: scontrol("requeue", job_of(folder)))
+    ran = run_small(sweep, make(name))
     requeue.join()
-    assert len(outcome.trained) == 3
-    assert "Restarts=1" in scontrol("-o", "show", "job", job_of(paths)) or len(paths.steps()) == 40
+    assert len(ran.outcome.trained) == 3
+    assert (
+        "Restarts=1" in scontrol("-o", "show", "job", job_of(folder)) or len(folder.steps()) == 40
+    )
 
 
 @pytest.mark.parametrize("name", ["slurm"], indirect=True)
-def test_a_job_outlives_the_sweep_and_is_taken_up_again(name: str, simulated: Path, shared: Path) -> None:
+def test_a_job_outlives_the_sweep_and_is_taken_up_again(
+    name: str, simulated: Path, shared: Path
+) -> None:
     sweep = small_sweep(simulated, shared, POINTS[:1], *LONG)
-    paths, stage = warmup(sweep), sweep.plan.stages[sweep.plan.trials[0].stages[0]]
-    write_spec(paths, stage, sweep.machine())
-    make(name).launch(paths.folder)
-    first = job_of(paths)
-    outcome = sweep.run(make(name))
-    assert job_of(paths) == first
-    assert len(outcome.trained) + len(outcome.reused) == 2
+    folder = warmup(sweep)
+    write_spec_of(sweep, folder)
+    make(name).launch(folder.path)
+    first = job_of(folder)
+    ran = run_small(sweep, make(name))
+    assert job_of(folder) == first
+    assert len(ran.outcome.trained) + len(ran.outcome.reused) == 2
 
 
 @pytest.mark.parametrize("name", ["ray"], indirect=True)
@@ -206,25 +226,27 @@ def test_two_stages_share_a_card_on_ray(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["ray"], indirect=True)
-def test_a_ray_node_may_die_in_the_middle_of_a_stage(name: str, simulated: Path, shared: Path) -> None:
+def test_a_ray_node_may_die_in_the_middle_of_a_stage(
+    name: str, simulated: Path, shared: Path
+) -> None:
     """The last one here, as the cluster is smaller afterwards."""
     from tests.services.ray_nodes import remove_node_of
 
     sweep = small_sweep(simulated, shared, POINTS, *LONG)
-    paths = warmup(sweep)
+    folder = warmup(sweep)
     pids: list[int] = []
 
     def kill() -> None:
-        holder = holder_of(paths.lease)
+        holder = holder_of(folder.lease)
         assert holder is not None
         pids.append(holder.pid)
         remove_node_of(holder.pid)
 
-    killer = when(lambda: len(paths.steps()) >= 2 and holder_of(paths.lease), kill)
+    killer = when(lambda: len(folder.steps()) >= 2 and holder_of(folder.lease), kill)
     launcher = make(name)
     assert launcher.slots == 3
-    outcome = sweep.run(launcher)
+    ran = run_small(sweep, launcher)
     killer.join()
     assert pids
-    assert len(outcome.trained) == 3
-    assert len(paths.steps()) == 40
+    assert len(ran.outcome.trained) == 3
+    assert len(folder.steps()) == 40

@@ -1,21 +1,25 @@
 """Scheduling: order, failures, kills, and stages that others train."""
 
-import json
-import os
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from fl3d.errors import StageFailed, StoreError
-from fl3d.leases import leased
-from fl3d.records import Stage, StagePaths
-from fl3d.sweep.launchers.base import Job, JobState, Launcher
+from fl3d.core.errors import StageFailed
+from fl3d.core.leases import leased
+from fl3d.core.records import Stage
+from fl3d.evaluation.protocol import Protocol
+from fl3d.runs.layout import RunFolder, StoreFolder
+from fl3d.runs.spec import Machine, read_spec
+from fl3d.sweep.launchers.base import Job, JobState, Launcher, LauncherBusy
 from fl3d.sweep.plan import Plan
+from fl3d.sweep.run import machine
 from fl3d.sweep.scheduler import MAX_TRIES, Scheduler
-from tests.support import small_sweep
+from tests.support import drive, small_sweep, train_stages
 
 POINTS = [["detector=voxelnet", f"loss.gamma={g}"] for g in (0, 2)]
+PROTOCOL = Protocol("test", "A", {"Car": (0.7, 0.7, 0.7)}, 0.5, 0.01, "standup", 10)
+MACHINE = Machine(data_root=Path("data"), train_ids=("0",), val_ids=("1",), protocol=PROTOCOL)
 
 
 def stage(key: str, parent: str | None, epochs: int = 1) -> Stage:
@@ -26,18 +30,26 @@ def tree(*stages: Stage) -> Plan:
     return Plan("test", (), {s.key: s for s in stages})
 
 
+def schedule(launcher: Launcher, root: Path) -> Scheduler:
+    return Scheduler(MACHINE, launcher, StoreFolder(root))
+
+
 class FakeJob(Job):
-    def __init__(self, paths: StagePaths, end: JobState) -> None:
-        self.paths, self.end, self.polls, self.cancelled = paths, end, 0, False
+    def __init__(self, folder: RunFolder, end: JobState) -> None:
+        self.folder = folder
+        self.end = end
+        self.polls = 0
+        self.cancelled = False
+        self.after: Job | None = None
 
     def state(self) -> JobState:
         self.polls += 1
         if self.polls < 2:
             return JobState.RUNNING
         if self.end is JobState.DONE:
-            self.paths.done.write_text("{}")
+            self.folder.done.write_text("{}")
         if self.end is JobState.RAISED:
-            self.paths.error.write_text("Traceback\nValueError: broken\n")
+            self.folder.error.write_text("Traceback\nValueError: broken\n")
         return self.end
 
     def cancel(self) -> None:
@@ -48,56 +60,71 @@ class FakeLauncher(Launcher):
     """Ends each stage as told, and remembers the order."""
 
     def __init__(self, slots: int, ends: dict[str, list[JobState]] | None = None) -> None:
-        self.slots, self.ends = slots, ends or {}
+        self.slots = slots
+        self.ends = ends or {}
         self.order: list[str] = []
-        self.most = 0
         self.jobs: list[FakeJob] = []
+        self.is_closed = False
 
     def launch(self, folder: Path, after: Job | None = None) -> Job:
         self.order.append(folder.name)
         ends = self.ends.get(folder.name, [])
-        self.jobs.append(FakeJob(StagePaths(folder), ends.pop(0) if ends else JobState.DONE))
-        return self.jobs[-1]
+        job = FakeJob(RunFolder(folder), ends.pop(0) if ends else JobState.DONE)
+        job.after = after
+        self.jobs.append(job)
+        return job
 
-
-@pytest.fixture(autouse=True)
-def _fast(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fl3d.sweep.scheduler.POLL_SECONDS", 0.0)
+    def close(self) -> None:
+        self.is_closed = True
 
 
 def test_children_start_when_their_parent_is_done_longest_path_first(tmp_path: Path) -> None:
     plan = tree(stage("a", None), stage("a1", "a", 1), stage("b", None, 5), stage("b1", "b", 5))
     launcher = FakeLauncher(1)
-    Scheduler(plan, {}, launcher, tmp_path).run()
+    drive(schedule(launcher, tmp_path), plan)
     assert launcher.order == ["b", "b1", "a", "a1"]
+    assert launcher.is_closed
 
 
 def test_what_is_done_is_not_started(tmp_path: Path) -> None:
     plan = tree(stage("a", None), stage("a1", "a"))
-    Scheduler(plan, {}, FakeLauncher(2), tmp_path).run()
+    drive(schedule(FakeLauncher(2), tmp_path), plan)
     launcher = FakeLauncher(2)
-    outcome = Scheduler(plan, {}, launcher, tmp_path).run()
+    outcome = drive(schedule(launcher, tmp_path), plan)
     assert launcher.order == []
     assert outcome.reused == ["a", "a1"]
+    assert outcome.done == {"a", "a1"}
 
 
-def test_a_failure_stops_its_descendants_alone_and_is_told_at_once(tmp_path: Path) -> None:
-    plan = tree(stage("a", None), stage("a1", "a"), stage("a2", "a1"), stage("b", None), stage("b1", "b"))
-    told: list[tuple[str, str]] = []
+def test_a_failure_stops_its_descendants_alone_and_is_known_at_once(tmp_path: Path) -> None:
+    plan = tree(
+        stage("a", None), stage("a1", "a"), stage("a2", "a1"), stage("b", None), stage("b1", "b")
+    )
     launcher = FakeLauncher(1, {"a": [JobState.RAISED]})
-    scheduler = Scheduler(plan, {}, launcher, tmp_path, on_failure=lambda s, trace: told.append((s.key, trace)))
-    outcome = scheduler.run()
+    scheduler = schedule(launcher, tmp_path)
+    known: list[list[str]] = []  # what had been started by the time the failure was known
+
+    def tick(plan: Plan) -> Plan:
+        if scheduler.outcome.failed:
+            known.append(list(launcher.order))
+        return plan
+
+    outcome = drive(scheduler, plan, tick)
+    assert known[0] == ["a", "b"]
     assert launcher.order == ["a", "b", "b1"]
     assert outcome.blocked == ["a1", "a2"]
-    assert told[0][0] == "a"
-    assert "ValueError: broken" in told[0][1]
+    assert "ValueError: broken" in outcome.failed["a"]
     with pytest.raises(StageFailed, match="a: ValueError: broken"):
         outcome.check()
 
 
 def test_a_killed_stage_is_tried_again_a_raising_one_is_not(tmp_path: Path) -> None:
-    launcher = FakeLauncher(1, {"a": [JobState.KILLED, JobState.KILLED, JobState.DONE], "b": [JobState.RAISED]})
-    outcome = Scheduler(tree(stage("a", None), stage("b", None)), {}, launcher, tmp_path).run()
+    ends = {
+        "a": [JobState.KILLED, JobState.KILLED, JobState.DONE],
+        "b": [JobState.RAISED],
+    }
+    launcher = FakeLauncher(1, ends)
+    outcome = drive(schedule(launcher, tmp_path), tree(stage("a", None), stage("b", None)))
     assert launcher.order.count("a") == 3
     assert launcher.order.count("b") == 1
     assert outcome.trained == ["a"]
@@ -105,56 +132,107 @@ def test_a_killed_stage_is_tried_again_a_raising_one_is_not(tmp_path: Path) -> N
 
 def test_a_stage_that_is_killed_every_time_fails_in_the_end(tmp_path: Path) -> None:
     launcher = FakeLauncher(1, {"a": [JobState.KILLED] * 9})
-    outcome = Scheduler(tree(stage("a", None)), {}, launcher, tmp_path).run()
+    outcome = drive(schedule(launcher, tmp_path), tree(stage("a", None)))
     assert launcher.order == ["a"] * MAX_TRIES
-    assert outcome.failed == {"a": f"killed {MAX_TRIES} times since it last got on"}
+    assert outcome.failed == {"a": f"killed {MAX_TRIES} times without making progress"}
+
+
+def test_a_stage_that_makes_progress_between_kills_may_be_killed_more_often(tmp_path: Path) -> None:
+    launcher = FakeLauncher(1, {"a": [JobState.KILLED] * 9})
+    scheduler = schedule(launcher, tmp_path)
+
+    def tick(plan: Plan) -> Plan:
+        marker = scheduler.layout.run("a").marker(len(launcher.order))
+        marker.parent.mkdir(parents=True, exist_ok=True)
+        marker.write_text("{}")
+        return plan
+
+    outcome = drive(scheduler, tree(stage("a", None)), tick)
+    assert outcome.trained == ["a"]
+    assert launcher.order == ["a"] * 10
+
+
+def test_a_parent_that_is_not_whole_any_more_is_trained_again(tmp_path: Path) -> None:
+    """A child whose parent's last checkpoint is torn takes the parent's marker away."""
+
+    class Torn(FakeLauncher):
+        def launch(self, folder: Path, after: Job | None = None) -> Job:
+            if folder.name == "a1" and self.order.count("a1") == 0:
+                folder.with_name("a").joinpath("done.json").unlink()
+            return super().launch(folder, after)
+
+    launcher = Torn(1, {"a1": [JobState.RAISED]})
+    outcome = drive(schedule(launcher, tmp_path), tree(stage("a", None), stage("a1", "a")))
+    assert launcher.order == ["a", "a1", "a", "a1"]
+    assert not outcome.failed
 
 
 def test_a_plan_may_grow_while_it_runs(tmp_path: Path) -> None:
     """As an Optuna study makes it: the last stage of one trial is what proposes the next."""
-    scheduler = Scheduler(tree(stage("a", None)), {}, FakeLauncher(1), tmp_path)
+    scheduler = schedule(FakeLauncher(1), tmp_path)
 
-    def grow(running: list[Stage]) -> None:
-        names = sorted(scheduler.plan.stages)
-        if scheduler.paths(names[-1]).done.exists() and len(names) < 4:
-            scheduler.plan = scheduler.plan.joined(tree(stage("abcd"[len(names)], names[-1])))
+    def grow(plan: Plan) -> Plan:
+        names = sorted(plan.stages)
+        if scheduler.layout.run(names[-1]).is_done and len(names) < 4:
+            return plan.joined(tree(stage("abcd"[len(names)], names[-1])))
+        return plan
 
-    scheduler.on_tick = grow
-    assert scheduler.run().trained == ["a", "b", "c", "d"]
+    assert drive(scheduler, tree(stage("a", None)), grow).trained == ["a", "b", "c", "d"]
+
+
+def test_what_a_plan_has_grown_by_may_be_done_already(tmp_path: Path) -> None:
+    """It is seen before the loop ends, and told as reused."""
+    drive(schedule(FakeLauncher(1), tmp_path), tree(stage("b", None)))
+    scheduler = schedule(FakeLauncher(1), tmp_path)
+
+    def grow(plan: Plan) -> Plan:
+        return plan.joined(tree(stage("b", None))) if "a" in scheduler.outcome.done else plan
+
+    outcome = drive(scheduler, tree(stage("a", None)), grow)
+    assert outcome.trained == ["a"]
+    assert outcome.reused == ["b"]
 
 
 def test_a_stopped_stage_is_ended_or_not_begun_and_no_failure(tmp_path: Path) -> None:
     launcher = FakeLauncher(1, {"a": [JobState.RUNNING]})
-    scheduler = Scheduler(tree(stage("a", None), stage("b", None)), {}, launcher, tmp_path)
+    scheduler = schedule(launcher, tmp_path)
 
-    def stop(running: list[Stage]) -> None:
-        if running:
-            scheduler.stop("a")
-            scheduler.stop("b")
+    def stop(plan: Plan) -> Plan:
+        scheduler.stop(["a", "b"])
+        return plan
 
-    scheduler.on_tick = stop
-    outcome = scheduler.run()
+    outcome = drive(scheduler, tree(stage("a", None), stage("b", None)), stop)
     assert outcome.stopped == ["a", "b"]
     assert launcher.order == ["a"]
     assert launcher.jobs[0].cancelled
     outcome.check()
 
 
+def test_what_is_done_is_not_stopped(tmp_path: Path) -> None:
+    scheduler = schedule(FakeLauncher(1), tmp_path)
+    outcome = drive(scheduler, tree(stage("a", None)))
+    scheduler.stop(["a"])
+    assert outcome.stopped == []
+
+
 def test_a_stage_that_another_sweep_trains_is_waited_for(tmp_path: Path) -> None:
     launcher = FakeLauncher(2)
-    scheduler = Scheduler(tree(stage("a", None), stage("a1", "a"), stage("b", None)), {}, launcher, tmp_path)
+    scheduler = schedule(launcher, tmp_path)
+    folder = scheduler.layout.run("a")
     ticks: list[list[str]] = []
     with ExitStack() as elsewhere:
-        elsewhere.enter_context(leased(scheduler.paths("a").lease))
+        elsewhere.enter_context(leased(folder.lease))
 
-        def tick(running: list[Stage]) -> None:
+        def tick(plan: Plan) -> Plan:
             ticks.append(list(launcher.order))
             if len(ticks) == 20:  # the other sweep is through
-                scheduler.paths("a").done.write_text("{}")
+                assert scheduler.elsewhere == {"a"}
+                folder.done.write_text("{}")
                 elsewhere.close()
+            return plan
 
-        scheduler.on_tick = tick
-        outcome = scheduler.run()
+        plan = tree(stage("a", None), stage("a1", "a"), stage("b", None))
+        outcome = drive(scheduler, plan, tick)
     assert ticks[19] == ["b"]
     assert launcher.order == ["b", "a1"]
     assert outcome.reused == ["a"]
@@ -162,18 +240,18 @@ def test_a_stage_that_another_sweep_trains_is_waited_for(tmp_path: Path) -> None
 
 def test_what_another_sweep_leaves_undone_is_taken_over(tmp_path: Path) -> None:
     launcher = FakeLauncher(1)
-    scheduler = Scheduler(tree(stage("a", None)), {}, launcher, tmp_path)
+    scheduler = schedule(launcher, tmp_path)
+    ticks: list[int] = []
     with ExitStack() as elsewhere:
-        elsewhere.enter_context(leased(scheduler.paths("a").lease))
-        ticks: list[int] = []
+        elsewhere.enter_context(leased(scheduler.layout.run("a").lease))
 
-        def tick(running: list[Stage]) -> None:
+        def tick(plan: Plan) -> Plan:
             ticks.append(len(launcher.order))
             if len(ticks) == 5:
                 elsewhere.close()
+            return plan
 
-        scheduler.on_tick = tick
-        assert scheduler.run().trained == ["a"]
+        assert drive(scheduler, tree(stage("a", None)), tick).trained == ["a"]
     assert ticks[:5] == [0] * 5
 
 
@@ -182,65 +260,79 @@ class QueueLauncher(FakeLauncher):
 
     has_queue = True
 
-    def launch(self, folder: Path, after: Job | None = None) -> Job:
-        job = super().launch(folder)
-        assert isinstance(job, FakeJob)
-        job.after = after  # type: ignore[attr-defined]
-        return job
-
 
 def test_a_launcher_with_a_queue_gets_children_behind_their_parents(tmp_path: Path) -> None:
     launcher = QueueLauncher(9)
-    scheduler = Scheduler(tree(stage("a", None), stage("a1", "a"), stage("a2", "a1")), {}, launcher, tmp_path)
-    scheduler.run()
+    plan = tree(stage("a", None), stage("a1", "a"), stage("a2", "a1"))
+    drive(schedule(launcher, tmp_path), plan)
     assert launcher.order[:3] == ["a", "a1", "a2"]
-    assert [job.after for job in launcher.jobs[:3]] == [None, *launcher.jobs[:2]]  # type: ignore[attr-defined]
+    assert [job.after for job in launcher.jobs[:3]] == [None, *launcher.jobs[:2]]
 
 
 def test_queued_children_of_a_stage_that_raised_are_taken_out(tmp_path: Path) -> None:
-    launcher = QueueLauncher(9, {"a": [JobState.RAISED], "a1": [JobState.RUNNING], "a2": [JobState.RUNNING]})
-    outcome = Scheduler(tree(stage("a", None), stage("a1", "a"), stage("a2", "a1")), {}, launcher, tmp_path).run()
+    ends = {
+        "a": [JobState.RAISED],
+        "a1": [JobState.RUNNING],
+        "a2": [JobState.RUNNING],
+    }
+    launcher = QueueLauncher(9, ends)
+    plan = tree(stage("a", None), stage("a1", "a"), stage("a2", "a1"))
+    outcome = drive(schedule(launcher, tmp_path), plan)
     assert list(outcome.failed) == ["a"]
     assert outcome.blocked == ["a1", "a2"]
     assert launcher.order[:2] == ["a", "a1"]
     assert all(job.cancelled for job in launcher.jobs[1:])
 
 
+class FullLauncher(FakeLauncher):
+    """Refuses every second stage once, as a queue that is full."""
+
+    def __init__(self, refusals: int) -> None:
+        super().__init__(9)
+        self.refusals = refusals
+
+    def launch(self, folder: Path, after: Job | None = None) -> Job:
+        if self.refusals and self.order:
+            self.refusals -= 1
+            raise LauncherBusy("the queue is full")
+        return super().launch(folder, after)
+
+
+def test_a_launcher_that_refuses_a_stage_is_asked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Even where all that ran has ended before it is."""
+    monkeypatch.setattr("fl3d.sweep.scheduler.BUSY_SECONDS", 0.05)
+    launcher = FullLauncher(refusals=1)
+    outcome = drive(schedule(launcher, tmp_path), tree(stage("a", None), stage("b", None)))
+    assert outcome.trained == ["a", "b"]
+
+
+def test_a_launcher_that_takes_nothing_at_all_is_an_error(tmp_path: Path) -> None:
+    class Full(FakeLauncher):
+        def launch(self, folder: Path, after: Job | None = None) -> Job:
+            raise LauncherBusy("the queue is full")
+
+    with pytest.raises(LauncherBusy):
+        drive(schedule(Full(1), tmp_path), tree(stage("a", None)))
+
+
 def test_an_interrupt_ends_the_running_stages(tmp_path: Path) -> None:
     launcher = FakeLauncher(2, {"a": [JobState.RUNNING], "b": [JobState.RUNNING]})
 
-    def interrupt(running: list[Stage]) -> None:
-        if running:
-            raise KeyboardInterrupt
+    def interrupt(plan: Plan) -> Plan:
+        raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        Scheduler(tree(stage("a", None), stage("b", None)), {}, launcher, tmp_path, on_tick=interrupt).run()
+        drive(schedule(launcher, tmp_path), tree(stage("a", None), stage("b", None)), interrupt)
     assert [job.cancelled for job in launcher.jobs] == [True, True]
-
-
-def test_local_stages_may_have_loader_workers(simulated: Path, tmp_path: Path) -> None:
-    from fl3d.sweep.launchers.local import LocalLauncher
-
-    outcome = small_sweep(simulated, tmp_path, POINTS[:1], "workers=1").run(LocalLauncher(1))
-    assert len(outcome.trained) == 2
-
-
-def test_the_same_sweep_is_not_started_twice(simulated: Path, tmp_path: Path) -> None:
-    from fl3d.sweep.launchers.inline import InlineLauncher
-
-    sweep = small_sweep(simulated, tmp_path, POINTS[:1])
-    with (
-        leased(sweep.names.plan(sweep.root).with_suffix(".lease")),
-        pytest.raises(StoreError, match=f"in use by process {os.getpid()}"),
-    ):
-        sweep.run(InlineLauncher())
+    assert launcher.is_closed
 
 
 def test_a_stages_spec_is_frozen_in_its_folder(simulated: Path, tmp_path: Path) -> None:
-    from fl3d.sweep.launchers.inline import InlineLauncher
-
-    sweep = small_sweep(simulated, tmp_path, POINTS[:1])
-    sweep.run(InlineLauncher())
-    for key, planned in sweep.plan.stages.items():
-        spec = json.loads(StagePaths(sweep.stages_root / key).spec.read_text())
-        assert Stage(**spec["stage"]) == planned
+    prepared = small_sweep(simulated, tmp_path, POINTS[:1])
+    train_stages(prepared)
+    for key, planned in prepared.plan.stages.items():
+        spec = read_spec(prepared.layout.run(key))
+        assert spec.stage == planned
+        assert spec.machine == machine(prepared)

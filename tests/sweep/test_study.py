@@ -1,4 +1,7 @@
-"""Studies: search spaces, asking and telling, pruning, twins, and what a dead sweep leaves. No network is trained."""
+"""Studies: search spaces, asking and telling, pruning, twins, and what a dead sweep leaves.
+
+No network is trained.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,35 +11,34 @@ import optuna
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
-from fl3d.config import compose_config
-from fl3d.errors import ConfigError, StoreError
-from fl3d.records import Trial
+from fl3d.config.compose import compose_config
+from fl3d.core.errors import ConfigError, StoreError
+from fl3d.core.records import Config, Trial
 from fl3d.sweep.sweepers.base import Point, Standing, TrialState
 from fl3d.sweep.sweepers.space import parse_space
 from fl3d.sweep.sweepers.study import Study
 from fl3d.sweep.sweepers.study_storage import open_storage
 
-AP, EASY = "ap_3d_r40/moderate", "ap_3d_r40/easy"
-ASHA = {"_target_": "optuna.pruners.SuccessiveHalvingPruner", "min_resource": 1, "reduction_factor": 2}
+AP = "ap_3d_r40/moderate"
+EASY = "ap_3d_r40/easy"
+ASHA = {
+    "_target_": "optuna.pruners.SuccessiveHalvingPruner",
+    "min_resource": 1,
+    "reduction_factor": 2,
+}
 RANDOM = {"_target_": "optuna.samplers.RandomSampler", "seed": 0}
 GAMMA = {"loss.gamma": "interval(0,5)"}
 
 
-def base(root: Path) -> dict[str, Any]:
-    return {
-        "seed": 0,
-        "store": {"root": str(root), "uri": None},
-        "sweep": {"name": "search", "tables": []},
-        "data": {"name": "made-up"},
-        "profile": {"name": "tiny"},
-        "protocol": compose_config([])["protocol"],
-    }
+def base(root: Path, *overrides: str) -> Config:
+    names = ["sweep.name=search", "data.name=made-up", "profile=tiny"]
+    return compose_config([*names, f"store.root={root}", *overrides])
 
 
 def make(root: Path, params: dict[str, object] = GAMMA, **settings: Any) -> Study:
     """A study whose trials are keyed by their overrides."""
 
-    def compose(overrides: Sequence[str]) -> dict[str, Any]:
+    def compose(overrides: Sequence[str]) -> Config:
         return {"overrides": list(overrides)}
 
     settings = {"sampler": RANDOM, **settings}
@@ -49,11 +51,28 @@ def key(point: Point) -> str:
     return " ".join(point.overrides)
 
 
+def trial_of(point: Point) -> Trial:
+    return Trial(
+        key=key(point),
+        overrides=point.overrides,
+        values=point.values,
+        config=point.config,
+        stages=(key(point),),
+        first_own_step=0,
+        detector="VoxelNet",
+        group="VoxelNet",
+        level=key(point),
+        seed=0,
+    )
+
+
 class World:
     """Trials that learn as told: ``worth`` gives the AP of a point at an epoch."""
 
     def __init__(self, study: Study, slots: int, epochs: int = 4) -> None:
-        self.study, self.slots, self.epochs = study, slots, epochs
+        self.study = study
+        self.slots = slots
+        self.epochs = epochs
         self.standings: dict[str, Standing] = {}
         self.trained: list[str] = []
 
@@ -63,15 +82,16 @@ class World:
 
     def tick(self) -> None:
         for name, one in list(self.standings.items()):
-            if one.state is TrialState.GOING:
+            if one.state is TrialState.RUNNING:
                 self.trained.append(name)
-                curve = {**one.curve, len(one.curve) + 1: self.worth(name, len(one.curve) + 1)}
-                state = TrialState.DONE if len(curve) == self.epochs else TrialState.GOING
+                epoch = len(one.curve) + 1
+                curve = {**one.curve, epoch: self.worth(name, epoch)}
+                state = TrialState.DONE if epoch == self.epochs else TrialState.RUNNING
                 self.standings[name] = Standing(one.trial, state, curve, self.epochs)
         advice = self.study.advise(self.standings, self.slots)
         for point in advice.points:
-            trial = Trial(key(point), point.overrides, point.config, (key(point),))
-            self.standings[trial.key] = Standing(trial, TrialState.GOING, {}, self.epochs)
+            trial = trial_of(point)
+            self.standings[trial.key] = Standing(trial, TrialState.RUNNING, {}, self.epochs)
         for name in advice.stop:
             one = self.standings[name]
             self.standings[name] = Standing(one.trial, TrialState.STOPPED, one.curve, self.epochs)
@@ -79,7 +99,7 @@ class World:
     def run(self) -> None:
         for _ in range(200):
             self.tick()
-        assert all(one.state is not TrialState.GOING for one in self.standings.values())
+        assert all(one.state is not TrialState.RUNNING for one in self.standings.values())
 
 
 def states(study: Study) -> list[str]:
@@ -103,7 +123,9 @@ def test_hydras_grammar_as_optunas_distributions(written: str, expected: object)
 
 
 def test_the_command_line_replaces_and_fixes_axes() -> None:
-    space = parse_space({"a": "interval(0,1)", "b": "1,2"}, ["b=3", "c=interval(2,4)", "detector=fcn3d"])
+    space = parse_space(
+        {"a": "interval(0,1)", "b": "1,2"}, ["b=3", "c=interval(2,4)", "detector=fcn3d"]
+    )
     assert list(space.axes) == ["a", "c"]
     assert space.fixed == ("b=3", "detector=fcn3d")
     with pytest.raises(ConfigError, match="nothing to search"):
@@ -118,14 +140,17 @@ def test_values_are_told_and_the_number_of_trials_is_kept(tmp_path: Path) -> Non
     assert [trial.state.name for trial in trials] == ["COMPLETE"] * 6
     for trial in trials:
         assert trial.values == [pytest.approx(54 - trial.params["loss.gamma"])]
-    assert study.study.best_trial.params["loss.gamma"] == min(t.params["loss.gamma"] for t in trials)
+    assert study.study.best_trial.params["loss.gamma"] == min(
+        t.params["loss.gamma"] for t in trials
+    )
 
 
 def test_no_more_trials_run_than_there_are_slots(tmp_path: Path) -> None:
     world = World(make(tmp_path, n_trials=9), slots=3)
     for _ in range(30):
         world.tick()
-        assert sum(one.state is TrialState.GOING for one in world.standings.values()) <= 3
+        running = [one for one in world.standings.values() if one.state is TrialState.RUNNING]
+        assert len(running) <= 3
 
 
 def test_the_worse_half_is_pruned_and_saves_epochs(tmp_path: Path) -> None:
@@ -135,7 +160,8 @@ def test_the_worse_half_is_pruned_and_saves_epochs(tmp_path: Path) -> None:
     pruned = [t for t in study.study.get_trials() if t.state.name == "PRUNED"]
     assert len(pruned) >= 4
     assert len(world.trained) < 12 * world.epochs * 0.75
-    assert study.study.best_trial.params["loss.gamma"] == min(t.params["loss.gamma"] for t in study.study.get_trials())
+    gammas = [trial.params["loss.gamma"] for trial in study.study.get_trials()]
+    assert study.study.best_trial.params["loss.gamma"] == min(gammas)
 
 
 def test_equal_points_are_trained_once_and_told_alike(tmp_path: Path) -> None:
@@ -144,7 +170,8 @@ def test_equal_points_are_trained_once_and_told_alike(tmp_path: Path) -> None:
     world.run()
     assert states(study) == ["COMPLETE"] * 10
     assert len(world.trained) == 2 * world.epochs
-    assert {(t.params["loss.gamma"], t.values[0]) for t in study.study.get_trials()} == {(1, 53.0), (2, 52.0)}
+    told = {(trial.params["loss.gamma"], trial.values[0]) for trial in study.study.get_trials()}
+    assert told == {(1, 53.0), (2, 52.0)}
     assert study.report(world.standings, tmp_path).count("\n| ") == 1 + 2
 
 
@@ -169,23 +196,24 @@ def test_what_a_dead_sweep_left_running_is_failed_and_asked_again(tmp_path: Path
     second = make(tmp_path, n_trials=4)
     World(second, slots=2).run()
     trials = second.study.get_trials()
-    assert [t.state.name for t in trials].count("FAIL") == 2
-    assert [t.state.name for t in trials].count("COMPLETE") == 4
-    assert all(any(t.params == params and t.state.name == "COMPLETE" for t in trials) for params in left)
+    assert states(second).count("FAIL") == 2
+    assert states(second).count("COMPLETE") == 4
+    complete = [trial.params for trial in trials if trial.state.name == "COMPLETE"]
+    assert all(params in complete for params in left)
 
 
 def test_started_again_it_takes_up_what_was_told_and_trains_none_of_it(tmp_path: Path) -> None:
     World(make(tmp_path, n_trials=8, pruner=ASHA), slots=2).run()
     study = make(tmp_path, n_trials=8, pruner=ASHA)
     advice = study.advise({}, 2)
-    told = study.study.get_trials()
-    assert {key(point) for point in advice.points} == {f"loss.gamma={t.params['loss.gamma']}" for t in told}
-    pruned = {f"loss.gamma={t.params['loss.gamma']}" for t in told if t.state.name == "PRUNED"}
-    assert set(advice.stop) == pruned
+    told = {f"loss.gamma={t.params['loss.gamma']}": t.state.name for t in study.study.get_trials()}
     assert len(told) == 8
+    assert {key(point) for point in advice.points} == set(told)
+    assert set(advice.stop) == {name for name, state in told.items() if state == "PRUNED"}
+    assert study.advise({}, 2).points == []  # once
 
 
-def test_a_study_that_goes_on_does_not_repeat_its_first_proposals(tmp_path: Path) -> None:
+def test_a_study_that_is_resumed_does_not_repeat_its_first_proposals(tmp_path: Path) -> None:
     World(make(tmp_path, n_trials=3), slots=1).run()
     study = make(tmp_path, n_trials=6)
     World(study, slots=1).run()
@@ -197,7 +225,7 @@ def test_it_stops_asking_when_all_fail(tmp_path: Path) -> None:
     standings: dict[str, Standing] = {}
     for _ in range(30):
         for point in study.advise(standings, 1).points:
-            trial = Trial(key(point), point.overrides, point.config, (key(point),))
+            trial = trial_of(point)
             standings[trial.key] = Standing(trial, TrialState.FAILED, {}, 4)
     assert states(study) == ["FAIL"] * 3
 
@@ -208,8 +236,10 @@ def test_several_objectives_give_a_pareto_front(tmp_path: Path) -> None:
     world.run()
     text = study.report(world.standings, tmp_path / "results")
     assert "Pareto front by ap_3d_r40/moderate, ap_3d_r40/easy" in text
-    assert text.count("\n| ") == 1 + 5  # what one loses in the one, one gains in the other: all are on the front
-    assert (tmp_path / "results" / "tables" / "study_search.csv").read_text().count("complete") == 5
+    # What one loses in the one, one gains in the other: all are on the front.
+    assert text.count("\n| ") == 1 + 5
+    table = tmp_path / "results" / "tables" / "study_search.csv"
+    assert table.read_text().count("complete") == 5
 
 
 def test_settings_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
@@ -219,11 +249,15 @@ def test_settings_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
         make(tmp_path, objectives=["ap_3d/modrate"])
     with pytest.raises(ConfigError, match="Did you mean 'last'"):
         make(tmp_path, rule="lost")
+    with pytest.raises(ConfigError, match="tables are made of a grid"):
+        Study(base(tmp_path, "sweep.tables=[II]"), parse_space(GAMMA, []), lambda overrides: {})
 
 
 def test_a_study_of_other_objectives_or_data_is_not_continued(tmp_path: Path) -> None:
     World(make(tmp_path, n_trials=1), slots=1).run()
-    with pytest.raises(ConfigError, match="objectives: the study 'search-made-up-tiny' was begun with"):
+    with pytest.raises(
+        ConfigError, match="objectives: the study 'search-made-up-tiny' was begun with"
+    ):
         make(tmp_path, objectives=[EASY])
     with pytest.raises(ConfigError, match="rule: the study"):
         make(tmp_path, rule="best")
@@ -232,6 +266,53 @@ def test_a_study_of_other_objectives_or_data_is_not_continued(tmp_path: Path) ->
     study = Study(base(tmp_path), parse_space(GAMMA, []), lambda overrides: {}, sampler=RANDOM)
     with pytest.raises(ConfigError, match="other data, versions or settings"):
         study.open(lambda point: "another identity")
+
+
+def test_a_failed_trial_counts_and_is_not_told_to_its_twin(tmp_path: Path) -> None:
+    """The same point, proposed again, is asked for again."""
+    study = make(tmp_path, {"loss.gamma": "choice(1)"}, n_trials=2)
+    (point,) = study.advise({}, 1).points
+    failed = Standing(trial_of(point), TrialState.FAILED, {}, 4)
+    study.advise({key(point): failed}, 1)
+    assert states(study) == ["FAIL", "RUNNING"]
+
+
+def test_a_trial_that_was_stopped_by_others_is_told_as_pruned(tmp_path: Path) -> None:
+    study = make(tmp_path, n_trials=1)
+    (point,) = study.advise({}, 1).points
+    study.advise({key(point): Standing(trial_of(point), TrialState.STOPPED, {}, 4)}, 1)
+    assert states(study) == ["PRUNED"]
+
+
+@pytest.mark.parametrize(("rule", "value"), [("last", 40.0), ("best", 60.0)])
+def test_whose_value_counts_is_as_the_rule_says(tmp_path: Path, rule: str, value: float) -> None:
+    study = make(tmp_path, n_trials=1, rule=rule)
+    (point,) = study.advise({}, 1).points
+    curve = {1: {AP: 50.0}, 2: {AP: 60.0}, 3: {AP: 40.0}}
+    study.advise({key(point): Standing(trial_of(point), TrialState.DONE, curve, 3)}, 1)
+    assert study.study.best_trial.values == [value]
+
+
+@pytest.mark.parametrize(
+    ("written", "value"),
+    [
+        ("choice(2)", 2),
+        ("choice(0.5)", 0.5),
+        ("choice(true)", True),
+        ("choice(abc)", "abc"),
+        ("choice('a, b')", "a, b"),
+        ("choice([1,2])", [1, 2]),
+        ("choice({search:2.0,bin:0.2})", {"search": 2.0, "bin": 0.2}),
+    ],
+)
+def test_a_point_has_the_values_that_a_grid_of_it_would_have(
+    tmp_path: Path, written: str, value: object
+) -> None:
+    """Optuna itself keeps lists and mappings as texts."""
+    study = make(tmp_path, {"+a.b": written}, n_trials=1)
+    (point,) = study.advise({}, 1).points
+    assert point.values == {"a.b": value}
+    assert study.swept == ("a.b",)
 
 
 def test_mlflows_database_is_refused(tmp_path: Path) -> None:

@@ -3,20 +3,19 @@
 import math
 import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
+from fl3d.core.errors import DataError
 from fl3d.data.dataset import Frames, frames_with
 from fl3d.data.kitti import KittiFolder
-from fl3d.errors import DataError
-from fl3d.pipeline import Sweep
-from fl3d.records import StagePaths
-from fl3d.sweep.launchers.inline import InlineLauncher
-from fl3d.sweep.sweepers.base import Point
-from fl3d.sweep.sweepers.grid import Listed
-from fl3d.training import run
+from fl3d.sweep.run import prepare_sweep
+from fl3d.sweep.sweepers.grid import Listed, point_of
+from fl3d.training import stage
+from tests.support import train_stages
 
 
 @pytest.fixture
@@ -48,21 +47,28 @@ def test_a_detector_learns_from_frames_that_hold_something_where_it_says_so(
     seen: list[int] = []
 
     class Noting(Frames):
-        def __init__(self, folder: KittiFolder, ids: list[str], cache: int) -> None:
+        def __init__(self, folder: KittiFolder, ids: Sequence[str], cache: int) -> None:
             super().__init__(folder, ids, cache)
             seen.append(len(ids))
 
-    monkeypatch.setattr(run, "Frames", Noting)
-    places = [f"data.root={half_empty}", f"store.root={tmp_path / 'runs'}", f"results={tmp_path / 'results'}"]
-    overrides = ["profile=tiny", "data.generate=false", f"detector={detector}", "schedule.frames_per_epoch=null"]
-    config = compose_config([*overrides, *places])
+    monkeypatch.setattr(stage, "Frames", Noting)
+    overrides = [
+        f"data.root={half_empty}",
+        f"store.root={tmp_path / 'runs'}",
+        "profile=tiny",
+        "data.generate=false",
+        f"detector={detector}",
+        "schedule.frames_per_epoch=null",
+    ]
+    config = compose_config(overrides)
     names = list(config["schedule"]["stages"])
     for name in names[1:]:
         config["schedule"]["stages"][name] = None
     config["schedule"]["stages"][names[0]]["epochs"] = 1
-    sweep = Sweep(Listed([Point((), config)]), say=lambda line: None)
-    sweep.scheduler(InlineLauncher()).run().check()
+    sweep = prepare_sweep(Listed([point_of((), config)]))
+    train_stages(sweep)
     assert sorted(seen) == sorted([used, 4])  # of training and validation
-    ((key, stage),) = sweep.plan.stages.items()
-    steps = math.ceil(6 / stage.config["schedule"]["batch_size"])  # an epoch is six frames in any case
-    assert StagePaths(sweep.stages_root / key).steps() == [steps]
+    (planned,) = sweep.plan.stages.values()
+    # An epoch is six frames in any case.
+    steps = math.ceil(6 / planned.config["schedule"]["batch_size"])
+    assert sweep.layout.run(planned.key).steps() == [steps]

@@ -1,24 +1,22 @@
-"""How a device multiplies: choices, refusals, what stays single; what was asked for reaches the products."""
+"""How a device multiplies: choices, refusals, what stays single, and what reaches the products."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from fl3d.config import compose_config
+from fl3d.config.compose import compose_config
+from fl3d.core.errors import ConfigError
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.base import Batch, Detector
-from fl3d.errors import ConfigError
-from fl3d.pipeline import Sweep
-from fl3d.records import StagePaths
+from fl3d.inference.load import build_detector
+from fl3d.inference.precision import check_precision, multiplying, set_precision
+from fl3d.runs.spec import read_scores
 from fl3d.sparse import layers
-from fl3d.sweep.launchers.inline import InlineLauncher
-from fl3d.sweep.sweepers.base import Point
-from fl3d.sweep.sweepers.grid import Listed
-from fl3d.training.build import build_detector
-from fl3d.training.precision import check_precision, multiplying, set_precision
+from fl3d.sweep.run import prepare_sweep
+from fl3d.sweep.sweepers.grid import Listed, point_of
+from tests.support import train_stages
 
 NAMES = ("fcn3d", "voxelnet")
 
@@ -31,12 +29,16 @@ def build(name: str, *overrides: str) -> Detector:
 def batch_of(detector: Detector, simulated: Path) -> Batch:
     folder = KittiFolder(simulated)
     frames = [folder.frame(i) for i in folder.split("train")[:2]]
-    return detector.collate([detector.encode(f, np.random.default_rng(0), training=True) for f in frames])
+    rng = np.random.default_rng
+    return detector.collate([detector.encode(frame, rng(0), training=True) for frame in frames])
 
 
 @pytest.mark.parametrize(
     ("precision", "device", "message"),
-    [("fp16", "cuda", "precision: no choice 'fp16'.*bf16"), ("tf32", "cpu", "precision: tf32 is a mode of CUDA")],
+    [
+        ("fp16", "cuda", "precision: no choice 'fp16'.*bf16"),
+        ("tf32", "cpu", "precision: tf32 is a mode of CUDA"),
+    ],
 )
 def test_what_does_not_exist_is_refused(precision: str, device: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
@@ -51,13 +53,14 @@ def test_single_precision_is_not_tf32_unless_asked_for() -> None:
         assert torch.backends.cudnn.conv.fp32_precision == mode  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("crowded", [0.6, float("inf")])
+@pytest.mark.parametrize("dense_from", [0.6, float("inf")])
 @pytest.mark.parametrize("name", NAMES)
 def test_bf16_multiplies_low_and_keeps_the_rest_single(
-    name: str, crowded: float, simulated: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, dense_from: float, simulated: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(layers, "CROWDED", crowded)  # inf: nothing goes on dense
-    totals, gradients = [], []
+    monkeypatch.setattr(layers, "DENSE_FROM", dense_from)  # inf: nothing becomes dense
+    totals = []
+    gradients = []
     for precision in ("float32", "bf16"):
         detector = build(name)
         batch = batch_of(detector, simulated)
@@ -68,17 +71,20 @@ def test_bf16_multiplies_low_and_keeps_the_rest_single(
         total.backward()  # type: ignore[no-untyped-call]
         assert all(p.dtype == torch.float32 and p.grad is not None for p in detector.parameters())
         totals.append(float(total.detach()))
-        gradients.append(torch.cat([p.grad.flatten() for p in detector.parameters() if p.grad is not None]))
+        own = [p.grad.flatten() for p in detector.parameters() if p.grad is not None]
+        gradients.append(torch.cat(own))
     assert totals[0] != totals[1]
     assert totals[1] == pytest.approx(totals[0], rel=0.05)
-    # Deep networks of random weights: many ReLUs are near their corner, whose flips turn the gradient.
+    # Deep networks of random weights: many ReLUs are near their corner, and flips there turn the
+    # gradient.
     assert torch.cosine_similarity(*gradients, dim=0) > 0.6
 
 
 def test_features_of_points_are_not_lowered(simulated: Path) -> None:
     """Coordinates of 40 m lie a quarter of a metre apart in bfloat16."""
     detector = build("voxelnet")
-    batch, seen = batch_of(detector, simulated), []
+    batch = batch_of(detector, simulated)
+    seen = []
     net = detector.get_submodule("feature_net")
     net.register_forward_hook(lambda module, inputs, output: seen.append((inputs[0], output)))
     detector.loss(batch)
@@ -106,33 +112,47 @@ def test_compiling_needs_what_is_dense() -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:`torch.jit:DeprecationWarning", "ignore::UserWarning:torch")
-@pytest.mark.parametrize("change", [["precision=bf16"], ["detector.compute=dense", "compile=true"]], ids=" ".join)
+@pytest.mark.parametrize(
+    "change", [["precision=bf16"], ["detector.compute=dense", "compile=true"]], ids=" ".join
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_ap_is_that_of_plain_training(name: str, change: list[str], tmp_path: Path) -> None:
-    """Profile quick, the whole of it; rounding alone moves a seed's AP by some points, as another seed does."""
+    """All of profile quick: rounding moves a seed's AP by points, as another seed does."""
     aps = []
     for overrides in ([], change):
         point = [f"detector={name}", "profile=quick", "loss.gamma=0", *overrides]
-        config = compose_config([*point, f"store.root={tmp_path}", f"data.root={tmp_path / 'data'}"])
-        sweep = Sweep(Listed([Point(tuple(point), config)]), say=lambda line: None)
-        sweep.scheduler(InlineLauncher()).run().check()
-        last = StagePaths(sweep.stages_root / sweep.plan.trials[0].key)
-        aps.append(json.loads(last.scores(last.steps()[-1], sweep.protocol.id).read_text())["ap_3d/moderate"])
+        places = [f"store.root={tmp_path}", f"data.root={tmp_path / 'data'}"]
+        config = compose_config([*point, *places])
+        sweep = prepare_sweep(Listed([point_of(point, config)]))
+        train_stages(sweep)
+        folder = sweep.layout.run(sweep.plan.trials[0].key)
+        scores = read_scores(folder, folder.steps()[-1], sweep.settings.protocol.id)
+        assert scores is not None
+        aps.append(scores["ap_3d/moderate"])
     assert aps[1] == pytest.approx(aps[0], abs=8), aps
 
 
-@pytest.mark.filterwarnings("ignore:`torch.jit:DeprecationWarning")  # torch's own, as it loads its compiler
+@pytest.mark.filterwarnings(
+    "ignore:`torch.jit:DeprecationWarning"
+)  # torch's own, as it loads its compiler
 @pytest.mark.parametrize("name", NAMES)
-def test_each_dense_part_is_compiled_whole(name: str, simulated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_dense_part_is_compiled_whole(
+    name: str, simulated: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One graph for each; the compiler's own work is left out here."""
     graphs: list[int] = []
     plain = torch.compile
 
+    def count(graph: torch.fx.GraphModule, inputs: object) -> object:
+        graphs.append(1)
+        return graph.forward
+
     def counted(function: object, **options: object) -> object:
-        return plain(function, backend=lambda graph, inputs: graphs.append(1) or graph.forward, **options)  # type: ignore[call-overload]
+        return plain(function, backend=count, **options)  # type: ignore[call-overload]
 
     monkeypatch.setattr(torch, "compile", counted)
-    detector, compiled = build(name, "detector.compute=dense"), build(name, "detector.compute=dense")
+    detector = build(name, "detector.compute=dense")
+    compiled = build(name, "detector.compute=dense")
     compiled.compile_dense()
     batch = batch_of(detector, simulated)
     with torch.no_grad():

@@ -1,0 +1,119 @@
+"""Finished sweeps with run folders and no training: detections are the labels, moved about."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from fl3d.core.records import Checkpoint, Stage, Trial
+from fl3d.evaluation.detections import (
+    Detections,
+    read_detections,
+    read_validation,
+    score,
+    write_detections,
+)
+from fl3d.runs.checkpoints import write_marker
+from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.scores import tidy
+from fl3d.runs.spec import Spec, write_done, write_spec
+from fl3d.sweep.run import Prepared, machine
+from tests.support import small_sweep
+
+Noise = Callable[[Trial], float]
+
+
+def detected_sweep(
+    simulated: Path, root: Path, points: Sequence[Sequence[str]], noise: Noise, *words: str
+) -> FinishedSweep:
+    """A sweep each of whose trials has found the cars at its last step, as far off as a test wants.
+
+    Args:
+        simulated: a KITTI folder.
+        root: below which its store lies.
+        points: its trials.
+        noise: how far off the boxes of a trial are, metres.
+        words: what all trials share.
+    """
+    prepared = small_sweep(simulated, root, points, *words)
+    validation = read_validation(prepared.kitti, prepared.data.val_ids)
+    raw = []
+    for trial in prepared.plan.trials:
+        for key in trial.stages:
+            stage = prepared.plan.stages[key]
+            _write_stage(prepared, stage)
+            folder = prepared.layout.run(key)
+            off = noise(trial) if key == trial.key else 1.0
+            write_detections(folder.detections(stage.end_step), _found(prepared, off, trial.seed))
+            scores = score(
+                read_detections(folder.detections(stage.end_step)),
+                validation,
+                prepared.settings.protocol,
+            )
+            front = {
+                "run": trial.key,
+                "trial": trial.key,
+                "protocol": prepared.settings.protocol.id,
+            }
+            raw.append(
+                {
+                    **front,
+                    "step": stage.end_step,
+                    "epoch": stage.start_epoch + stage.epochs,
+                    **scores,
+                }
+            )
+    plan = prepared.planner.frozen(prepared.plan)
+    trials = [
+        FinishedTrial(one, tuple(prepared.layout.run(key) for key in one.stages))
+        for one in plan.trials
+    ]
+    return FinishedSweep(
+        settings=prepared.settings,
+        plan=plan,
+        trials=tuple(trials),
+        scores=tidy(pd.DataFrame(raw), list(plan.trials), prepared.settings.protocol),
+        source=root,
+    )
+
+
+def without(sweep: FinishedSweep, is_missing: Callable[[FinishedTrial], bool]) -> FinishedSweep:
+    """A sweep some of whose trials are not done."""
+    trials = tuple(trial for trial in sweep.trials if not is_missing(trial))
+    scores = sweep.scores[sweep.scores["trial"].isin([trial.key for trial in trials])]
+    return replace(sweep, trials=trials, scores=scores.reset_index(drop=True))
+
+
+def _write_stage(prepared: Prepared, stage: Stage) -> None:
+    folder = prepared.layout.run(stage.key)
+    write_spec(folder, Spec(stage, machine(prepared)))
+    checkpoint = Checkpoint(
+        stage=stage.key,
+        step=stage.end_step,
+        epoch=stage.start_epoch + stage.epochs,
+        lr=0.1,
+        losses={},
+        seconds={},
+        sha256="",
+    )
+    write_marker(folder, checkpoint)
+    write_done(folder, {})
+
+
+def _found(prepared: Prepared, noise: float, seed: int) -> Detections:
+    """Boxes of the labels, moved along by so much noise; others for another seed."""
+    rng = np.random.default_rng(seed)
+    frames = []
+    boxes = []
+    for place, frame_id in enumerate(prepared.data.val_ids):
+        calibration = prepared.kitti.read_calibration(frame_id)
+        labels = prepared.kitti.read_labels(frame_id)
+        own = calibration.boxes_to_velo(labels.boxes_cam[labels.types == "Car"])
+        boxes.append(own + rng.normal(0, noise, (len(own), 1)) * [1, 0, 0, 0, 0, 0, 0])
+        frames.append(np.full(len(own), place))
+    found = np.concatenate(boxes)
+    return Detections(
+        prepared.data.val_ids, np.concatenate(frames), found, rng.uniform(0.9, 1.0, len(found))
+    )

@@ -1,0 +1,141 @@
+"""Commands over a sweep of a text factor: two detectors, two losses, two seeds; no paper's."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from fl3d.commands import gains, rescore, tables
+from fl3d.core.errors import ConfigError, StoreError
+from fl3d.runs.finished import FinishedSweep
+from tests.analysis.making import detected_sweep, without
+from tests.papers.making import store_scores
+from tests.support import SMALL
+
+DETECTORS = ("fcn3d", "voxelnet")
+LOSSES = ("original", "enhanced")
+POINTS = [
+    [f"detector={detector}", f"loss={loss}", f"seed={seed}"]
+    for detector in DETECTORS
+    for loss in LOSSES
+    for seed in (0, 1)
+]
+SWEPT = [f"detector={','.join(DETECTORS)}", f"loss={','.join(LOSSES)}", "seed=0,1"]
+
+
+@pytest.fixture(scope="module")
+def stored(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> FinishedSweep:
+    """All but the baseline of 3D-FCN, and one seed of VoxelNet's enhanced loss, is done."""
+    noise = {"original": 0.0, "enhanced": 2.0}
+    root = tmp_path_factory.mktemp("commands")
+    whole = detected_sweep(
+        simulated, root, POINTS, lambda trial: noise[trial.level], "sweep.name=mine"
+    )
+    done = without(
+        whole,
+        lambda trial: (
+            (trial.group, trial.level) == ("3D-FCN", "original")
+            or (trial.group, trial.level, trial.seed) == ("VoxelNet", "enhanced", 1)
+        ),
+    )
+    for trial in whole.trials:
+        if trial not in done.trials:
+            trial.folder.done.unlink()
+    store_scores(done)
+    return done
+
+
+@pytest.fixture
+def words(stored: FinishedSweep, simulated: Path) -> list[str]:
+    settings = stored.settings
+    places = [
+        f"data.root={simulated}",
+        f"store.root={settings.store.root}",
+        f"results={settings.results}",
+    ]
+    return [*SMALL, *places, "sweep.name=mine", *SWEPT]
+
+
+def test_gains_are_told_by_level_and_what_has_none_is_named(
+    stored: FinishedSweep, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    gains.run(words)
+    said = capsys.readouterr().out
+    assert "VoxelNet, 3d moderate, R40, last models, 95 % intervals." in said
+    assert "| loss | seeds | AP | gain over loss = original |" in said
+    rows = [line for line in said.splitlines() if line.startswith(("| original |", "| enhanced |"))]
+    assert [row.split(" | ")[1] for row in rows] == ["2", "1"]
+    assert "| baseline |" in rows[0]
+    assert "3D-FCN: no gains, for no trial of the baseline original is done." in said
+    assert "over frames and seeds of training" in said
+    folder = stored.settings.results_folder / "tables"
+    table = pd.read_csv(folder / "gains_mine_paper.csv")
+    assert set(zip(table["group"], table["level"], strict=True)) == {
+        ("VoxelNet", loss) for loss in LOSSES
+    }
+    recalls = pd.read_csv(folder / "recalls_mine_paper.csv")
+    assert len(recalls) == len(stored.trials)
+
+
+def test_gains_of_some_trials_alone_are_asked_for_by_their_values(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    some = [word for word in words if word not in SWEPT]
+    gains.run([*some, "detector=voxelnet", "seed=0"])
+    said = capsys.readouterr().out
+    assert "| enhanced | 1 |" in said
+    assert "| original | 1 |" in said
+    assert "3D-FCN" not in said
+    assert "over frames alone, not over training" in said
+    with pytest.raises(
+        StoreError, match=r"seed=7: .* has no finished trial with it\. Possible: 0, 1"
+    ):
+        gains.run([*some, "seed=7"])
+
+
+def test_rescored_aps_are_told_by_level(
+    stored: FinishedSweep, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    rescore.run([*words, "score_threshold=0,1", "protocol.nms_kind=standup,3d"])
+    said = capsys.readouterr().out
+    assert "| loss | 0, standup | 0, 3d | 1, standup | 1, 3d |" in said
+    assert said.count("| enhanced |") == 2
+    assert said.count("| original |") == 1
+    path = (
+        stored.settings.results_folder
+        / "tables"
+        / "rescored_mine_paper_score_threshold_nms_kind.csv"
+    )
+    assert len(pd.read_csv(path)) == len(stored.trials) * 4
+
+
+def test_tables_of_no_paper_come_with_intervals(
+    stored: FinishedSweep, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    tables.run(words)
+    said = capsys.readouterr().out
+    assert (
+        said.count(
+            "Last models of VoxelNet. AP in percent (R40); bold: better than loss = original."
+        )
+        == 1
+    )
+    assert said.count("Last models of VoxelNet. AP in percent [95 % interval]") == 1
+    assert "Last models of 3D-FCN. AP in percent [95 % interval]" not in said
+    names = {path.name for path in (stored.settings.results_folder / "tables").glob("table_*.md")}
+    assert names == {
+        "table_mine-3d-fcn.md",
+        "table_mine-voxelnet.md",
+        "table_mine-voxelnet_intervals.md",
+    }
+
+
+@pytest.mark.parametrize("command", [gains, rescore])
+def test_a_misspelt_metric_is_answered_with_the_nearest(command: object, words: list[str]) -> None:
+    with pytest.raises(ConfigError, match="Did you mean '3d/moderate'"):
+        command.run([*words, "--metric", "3d/modrate"])  # type: ignore[attr-defined]
+
+
+def test_nothing_to_rescore_says_what_could_be(words: list[str]) -> None:
+    with pytest.raises(ConfigError, match=r"nothing to compare; .*score_threshold"):
+        rescore.run(words)

@@ -1,0 +1,117 @@
+"""From a cell of a table to the files that it comes from, as a user asks for it."""
+
+from pathlib import Path
+
+import pytest
+
+from fl3d.commands.why import is_short, run
+from fl3d.core.errors import ConfigError
+from fl3d.runs.finished import FinishedSweep, open_sweep
+from fl3d.store.opening import open_store
+from tests.support import SMALL, run_small, small_sweep
+
+POINTS = [["detector=voxelnet", f"loss.gamma={gamma}"] for gamma in (0, 2)]
+WORDS = ("+sweep=gamma", "store.keep_every=null")
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("why")
+
+
+@pytest.fixture(scope="module")
+def finished(simulated: Path, root: Path) -> FinishedSweep:
+    prepared = small_sweep(simulated, root, POINTS, *WORDS)
+    run_small(prepared, store=open_store(prepared.settings.store.root))
+    return open_sweep(prepared.settings)
+
+
+@pytest.fixture
+def words(finished: FinishedSweep, simulated: Path, root: Path) -> list[str]:
+    places = [
+        f"data.root={simulated}",
+        f"store.root={root / 'runs'}",
+        f"results={root / 'results'}",
+    ]
+    return [*SMALL, *places, *WORDS]
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        ["III", "gamma=2"],
+        ["last", "gamma=2.0"],
+        ["last", "loss.gamma=2"],
+        ["best", "gamma=2", "detector=voxelnet"],
+    ],
+)
+def test_why_follows_a_cell_to_its_files(
+    asked: list[str], finished: FinishedSweep, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    run([*asked, "3d/moderate", *words])
+    said = capsys.readouterr().out
+    trial = finished.trials[1]
+    row = (
+        finished.select("best" if asked[0] == "best" else "last").set_index("trial").loc[trial.key]
+    )
+    assert said.startswith(
+        f"{asked[0]}, VoxelNet, gamma=2, 3d/moderate: {row['ap_3d/moderate']:.2f}\n"
+    )
+    for key in trial.plan.stages:
+        assert key in said
+    assert finished.runs()[trial.key] in said
+    assert "DOES NOT MATCH" not in said
+    assert said.count(", matches") == 2  # weights and detections
+    assert "scored now" in said
+    assert "NOT THE SAME" not in said
+
+
+def test_a_file_that_was_changed_is_told(
+    finished: FinishedSweep, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = finished.trials[0]
+    weights = trial.folder.weights(trial.last_step)
+    whole = weights.read_bytes()
+    weights.write_bytes(whole + b"x")
+    try:
+        run(["III", "gamma=0", "3d/moderate", *words])
+    finally:
+        weights.write_bytes(whole)
+    said = capsys.readouterr().out
+    assert (said.count("DOES NOT MATCH"), said.count(", matches")) == (1, 1)
+    assert "NOT THE SAME" not in said
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        (["VI", "gamma=2", "3d/moderate"], "gamma feeds no table 'VI'.*II, III, IV, best, last"),
+        (["III", "gamma=7", "3d/moderate"], "gamma=7: no such row. Possible: 0, 2"),
+        (
+            ["III", "gama=2", "3d/moderate"],
+            "gama: not what this sweep's trials differ in. Did you mean 'gamma'",
+        ),
+        (["III", "gamma=2", "3d/modrate"], "Did you mean '3d/moderate'"),
+        (
+            ["III", "3d/moderate"],
+            "several rows fit; name one: VoxelNet, gamma=0; VoxelNet, gamma=2",
+        ),
+        (["III", "gamma=2"], "give one metric, such as 3d/moderate, not none"),
+    ],
+)
+def test_why_says_what_was_possible(asked: list[str], message: str, words: list[str]) -> None:
+    with pytest.raises(ConfigError, match=message):
+        run([*asked, *words])
+
+
+def test_words_that_pick_a_row_are_told_from_those_that_pick_a_sweep() -> None:
+    words = [
+        "gamma=2",
+        "seed=1",
+        "detector=voxelnet",
+        "+sweep=gamma",
+        "loss.alpha=1",
+        "data=kitti",
+        "~loss",
+    ]
+    assert [word for word in words if is_short(word)] == ["gamma=2", "seed=1", "detector=voxelnet"]

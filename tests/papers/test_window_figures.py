@@ -1,0 +1,62 @@
+"""Figures 4 and 5 and the imbalance by height: what is drawn is what the data beside say."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fl3d.papers.focal_loss.window_figures import (
+    cumulative_loss,
+    figure_4,
+    figure_5,
+    imbalance_by_height,
+)
+from tests.reports.frames import is_figure
+
+DETECTORS = ("3D-FCN", "VoxelNet")
+
+
+def test_cumulative_loss_by_hand() -> None:
+    """Two positives of p = 1/2 and 1/4: BCE log 2 and 2 log 2; with gamma = 1 times 1/2 and 3/4."""
+    logits = np.log([1.0, 1 / 3])
+    half = np.array([0.0, 0.5, 1.0])
+    np.testing.assert_allclose(cumulative_loss(logits, 1, 0.0, half), [0, 1 / 3, 1])
+    np.testing.assert_allclose(cumulative_loss(logits, 1, 1.0, half), [0, 0.5 / (0.5 + 1.5), 1])
+    np.testing.assert_allclose(cumulative_loss(-logits, -1, 0.0, half), [0, 1 / 3, 1])
+
+
+def test_the_larger_gamma_the_more_of_the_loss_lies_on_hard_windows(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    sampled = {detector: (rng.normal(1, 2, 500), rng.normal(-4, 2, 5000)) for detector in DETECTORS}
+    assert is_figure(figure_4(sampled, [0.0, 1.0, 5.0], tmp_path / "figure_4"))
+    data = pd.read_csv(tmp_path / "figure_4.csv")
+    assert set(data["windows"]) == {"positives", "negatives"}
+    near = data["share"][(data["share"] - 0.999).abs().idxmin()]
+    middle = data[data["share"] == near].groupby(["detector", "windows"])["loss"]
+    assert all((np.diff(losses) < 0).all() for _, losses in middle)
+
+
+def test_without_a_focal_model_there_is_no_figure_4(tmp_path: Path) -> None:
+    assert figure_4({}, [0.0], tmp_path / "figure_4") == []
+    assert not list(tmp_path.iterdir())
+
+
+def test_densities_have_unit_area(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    posteriors = {
+        (detector, gamma): rng.random(1000) for detector in DETECTORS for gamma in (0.0, 5.0)
+    }
+    assert is_figure(figure_5(posteriors, tmp_path / "figure_5"))
+    data = pd.read_csv(tmp_path / "figure_5.csv")
+    assert data.groupby(["detector", "gamma"])["density"].mean().to_list() == pytest.approx(
+        [1.0] * 4
+    )
+
+
+def test_a_height_without_positives_has_no_ratio(tmp_path: Path) -> None:
+    low = np.array([-2.5, -1.7, -0.9])
+    data = pd.DataFrame(
+        {"z_low": low, "z_high": low + 0.8, "positives": [0.0, 3.0, 1.0], "negatives": 10_000.0}
+    )
+    assert is_figure(imbalance_by_height(data, tmp_path / "height"))

@@ -1,0 +1,226 @@
+"""What a store in MLflow keeps to beside the contract: files, limits and half-made runs."""
+
+import json
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from fl3d.core.errors import StoreDown, StoreError
+from fl3d.store.base import RunStatus, Scored
+from fl3d.store.mlflow.connection import GuardedClient, database_url
+from fl3d.store.mlflow.tracking import MlflowStore
+from fl3d.store.opening import open_store
+
+TAGS = {"detector": "VoxelNet"}
+PARAMS = {f"key.{i}": i for i in range(150)}  # more than MLflow takes in one request
+APS = {"ap_3d/moderate": 50.0, "ap_3d/easy": 60.0}
+
+
+class Killed(BaseException):
+    """Stands for kill -9."""
+
+
+def killed(*_: object, **__: object) -> None:
+    raise Killed
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> MlflowStore:
+    store = MlflowStore(tmp_path_factory.mktemp("store"))
+    assert not store.exists
+    assert store.read("before it is made").empty
+    store.open()
+    return store
+
+
+def run_of(store: MlflowStore, name: str) -> tuple[str, str]:
+    """Ids of an experiment and of a run in it."""
+    experiment = store.experiment(name, "")
+    return experiment, store.run(experiment, "trial-a", "paper-1", "a", TAGS, PARAMS)
+
+
+def test_parameters_go_in_batches(store: MlflowStore) -> None:
+    _, run = run_of(store, "params")
+    params = store.client.get_run(run).data.params
+    assert params == {key: str(value) for key, value in PARAMS.items()}
+
+
+def test_a_score_that_is_logged_again_is_one_row(store: MlflowStore) -> None:
+    _, run = run_of(store, "rows")
+    for _ in range(3):
+        store.log(run, Scored(100, 1_000, APS))
+    assert len(store.client.get_metric_history(run, "ap_3d/moderate")) == 1
+
+
+def test_only_scores_are_read_back(store: MlflowStore) -> None:
+    _, run = run_of(store, "read")
+    others = {"train/lr": 0.1, "loss/total": 3.0, "mean_3d": 1.0}
+    store.log(run, Scored(100, 1_000, {**APS, "recall_3d/0.7": 0.5, "epoch": 1, **others}))
+    expected = {"run", "trial", "protocol", "step", "epoch", *APS, "recall_3d/0.7"}
+    assert set(store.read("read")) == expected
+
+
+def test_each_root_reads_its_own_runs(store: MlflowStore, tmp_path: Path) -> None:
+    """Two that share a database."""
+    other = MlflowStore(tmp_path, store.uri)
+    other.open()
+    runs = []
+    for number, one in enumerate((store, other)):
+        _, run = run_of(one, "shared")
+        one.log(run, Scored(100, 1_000, {"ap_3d/moderate": float(number)}))
+        runs.append(run)
+    assert runs[0] != runs[1]
+    assert store.read("shared")["ap_3d/moderate"].tolist() == [0.0]
+    assert other.read("shared")["ap_3d/moderate"].tolist() == [1.0]
+
+
+def test_models_carry_their_scores(store: MlflowStore, tmp_path: Path) -> None:
+    experiment, run = run_of(store, "models")
+    weights = tmp_path / "best.pt"
+    weights.write_bytes(b"weights")
+    data = ("simulated", "abc")
+    store.link_dataset(run, *data, tmp_path)
+    scored = Scored(100, 1_000, APS)
+    made = store.log_model(experiment, run, "best", [weights], {"step": "100"}, scored, data)
+    models = store.client.search_logged_models([experiment])
+    assert [model.model_id for model in models] == [made]
+    assert {metric.key: metric.value for metric in models[0].metrics} == APS
+
+
+def test_a_run_that_a_kill_left_half_done_is_made_whole(
+    store: MlflowStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One without its parameters."""
+    with monkeypatch.context() as patch:
+        patch.setattr(store.client, "log_batch", killed, raising=False)
+        with pytest.raises(Killed):
+            run_of(store, "half")
+    experiment, run = run_of(store, "half")
+    assert len(store.client.search_runs([experiment])) == 1
+    assert len(store.client.get_run(run).data.params) == len(PARAMS)
+
+
+def test_a_model_that_a_kill_left_half_done_is_replaced(
+    store: MlflowStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One without its files."""
+    experiment, run = run_of(store, "half a model")
+    weights = tmp_path / "best.pt"
+    weights.write_bytes(b"weights")
+    scored = Scored(100, 1_000, APS)
+    tags = {"step": "100"}
+    arguments = (experiment, run, "best", [weights], tags, scored, ("simulated", "abc"))
+    with monkeypatch.context() as patch:
+        patch.setattr(store.client, "log_model_artifact", killed, raising=False)
+        with pytest.raises(Killed):
+            store.log_model(*arguments)
+    store.log_model(*arguments)
+    models = store.client.search_logged_models([experiment])
+    assert [str(model.status) for model in models] == ["READY"]
+
+
+def test_runs_have_mlflows_own_states(store: MlflowStore) -> None:
+    states = {
+        RunStatus.STOPPED: "KILLED",
+        RunStatus.FAILED: "FAILED",
+        RunStatus.DONE: "FINISHED",
+    }
+    _, run = run_of(store, "states")
+    for status, state in states.items():
+        store.end(run, status)
+        assert store.client.get_run(run).info.status == state
+
+
+def test_the_commit_has_mlflows_own_name(store: MlflowStore) -> None:
+    """Its UI shows it as the source."""
+    experiment = store.experiment("commit", "")
+    run = store.run(experiment, "trial-a", "paper-1", "a", {"fl3d.commit": "1234"}, {})
+    assert store.client.get_run(run).data.tags["mlflow.source.git.commit"] == "1234"
+
+
+def test_a_sweep_that_was_deleted_in_the_ui_comes_back(store: MlflowStore) -> None:
+    experiment = store.experiment("deleted", "")
+    store.client.delete_experiment(experiment)
+    assert store.experiment("deleted", "a note") == experiment
+    assert store.client.get_experiment(experiment).tags["mlflow.note.content"] == "a note"
+
+
+def test_a_uri_that_is_no_database_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="Possible: sqlite"):
+        MlflowStore(tmp_path, "ftp://somewhere")
+
+
+@pytest.mark.parametrize(
+    ("uri", "is_server", "is_for_one_machine"),
+    [
+        (None, False, True),
+        ("sqlite:///there.db", False, True),
+        ("postgresql://me@host/name", False, False),
+        ("http://host:5000", True, False),
+    ],
+)
+def test_a_config_names_a_file_a_database_or_a_server(
+    tmp_path: Path, uri: str | None, is_server: bool, is_for_one_machine: bool
+) -> None:
+    store = open_store(tmp_path, uri)
+    assert isinstance(store, MlflowStore)
+    assert store.is_server == is_server
+    assert store.is_for_one_machine == is_for_one_machine
+
+
+def test_a_database_has_the_driver_that_is_installed_and_a_limit_of_patience() -> None:
+    assert database_url("postgresql://h/db").startswith(
+        "postgresql+psycopg2://h/db?connect_timeout"
+    )
+    assert database_url("postgresql://h/db?a=1") == "postgresql+psycopg2://h/db?a=1"
+    assert database_url("sqlite:///file.db") == "sqlite:///file.db"
+
+
+def test_an_outage_is_told_from_an_error() -> None:
+    class Client:
+        def search_experiments(self, max_results: int) -> None: ...
+
+        def answer(self) -> None:
+            raise ConnectionRefusedError("not MLflow's own error: passed on")
+
+        def ask(self) -> None:
+            import requests
+
+            raise requests.ConnectionError("nobody is there\nsecond line")
+
+    client = GuardedClient(lambda uri: Client())  # type: ignore[arg-type,return-value]
+    client.connect("http://host")
+    with pytest.raises(StoreDown, match=r"^nobody is there$"):
+        client.ask()
+    with pytest.raises(ConnectionRefusedError):
+        client.answer()
+
+
+def test_the_default_store_is_a_file_in_wal_mode(store: MlflowStore) -> None:
+    connection = sqlite3.connect(store.root / "mlflow.db")
+    assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    connection.close()
+
+
+def test_a_view_of_what_matters_can_be_opened_by_link(store: MlflowStore) -> None:
+    number = store.experiment("viewed", "")
+    address = store.views()["viewed"]
+    assert f"/{number}/runs?viewStateShareKey=" in address
+    assert "workflowType=machine_learning" in address
+    key = address.partition("viewStateShareKey=")[2].partition("&")[0]
+    view = json.loads(store.client.get_experiment(number).tags[f"mlflow.sharedViewState.{key}"])
+    state = json.loads(view["state"])
+    sections = {section["uuid"] for section in state["compareRunSections"]}
+    assert state["compareRunCharts"][0]["metricKey"] == "ap_3d/moderate"
+    assert {chart["metricSectionId"] for chart in state["compareRunCharts"]} == sections
+    assert "Default" not in store.views()
+
+
+def test_the_views_columns_are_tags_that_the_recorder_sets(store: MlflowStore) -> None:
+    """A sweep of any factor is told by its levels."""
+    number = store.experiment("columns", "")
+    store.views()
+    (tag,) = (v for k, v in store.client.get_experiment(number).tags.items() if "sharedView" in k)
+    columns = json.loads(json.loads(tag)["state"])["selectedColumns"]
+    assert {"tags.`group`", "tags.`level`", "tags.`seed`"} <= set(columns)

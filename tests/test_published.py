@@ -1,0 +1,60 @@
+"""No published number outlives its code: trial keys of committed scores are those that the code plans today."""
+
+from pathlib import Path
+
+import pytest
+
+from fl3d.commands.publish import SWEEPS, stamped
+from fl3d.commands.words import PUBLISHED, read_words
+from fl3d.config.compose import CONF
+from fl3d.config.objects import build
+from fl3d.config.settings import read_settings
+from fl3d.runs.plans import read_plan
+from fl3d.simulator import VERSION
+from fl3d.sweep.plan import DataInfo
+from fl3d.sweep.planner import Planner
+from fl3d.sweep.winners import with_winners
+
+FILES = sorted(PUBLISHED.glob("*/scores/*.json"))
+COMMITTED_BYTES = 6_000_000  # of all results; a clone should stay small
+
+
+def test_something_is_published() -> None:
+    assert {"gamma"} <= {file.stem for file in FILES} <= set(SWEEPS)
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: f"{file.parts[-3]}-{file.stem}")
+def test_published_trials_are_those_that_the_code_plans_today(file: Path, tmp_path: Path) -> None:
+    folder = file.parent.parent
+    stamp = stamped(folder)
+    data, _, profile = folder.name.rpartition("-")
+    assert stamp["versions"]["simulator"] == VERSION
+    words = [f"+sweep={file.stem}", f"data={data}", f"profile={profile}", f"store.root={tmp_path}"]
+    multirun = with_winners(read_words(words).multirun, lambda line: None)
+    sweeper = build(multirun.sweeper, "hydra.sweeper").proposer(
+        multirun.arguments, multirun.compose
+    )
+    own = stamp["data"]
+    info = DataInfo(own["digest"], own["train_frames"], own["image_digest"])
+    planner = Planner(sweeper.base, read_settings(sweeper.base), sweeper.swept, info)
+    planned = planner.plan(sweeper.first())
+    assert [trial.key for trial in read_plan(file).trials] == [
+        trial.key for trial in planned.trials
+    ]
+
+
+def test_what_is_committed_stays_small() -> None:
+    assert (
+        sum(path.stat().st_size for path in PUBLISHED.rglob("*") if path.is_file())
+        < COMMITTED_BYTES
+    )
+    assert not list(PUBLISHED.rglob("*.html"))
+
+
+def test_every_grid_of_the_sweep_files_can_be_published() -> None:
+    grids = {
+        path.stem
+        for path in (CONF / "sweep").glob("*.yaml")
+        if "OptunaSweeper" not in path.read_text()
+    }
+    assert set(SWEEPS) == grids
