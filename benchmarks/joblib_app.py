@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from fl3d.config.compose import CONF, resolve
 from fl3d.runs.spec import Spec, write_spec
-from fl3d.sweep.run import machine, prepare_sweep
+from fl3d.sweep.setup import machine, prepare_sweep
 from fl3d.sweep.sweepers.grid import Listed, point_of
 from fl3d.training.stage import run_stage
 

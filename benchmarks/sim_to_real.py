@@ -39,8 +39,9 @@ from fl3d.runs.layout import StoreFolder
 from fl3d.runs.spec import Machine
 from fl3d.sweep.launchers.local import LocalLauncher
 from fl3d.sweep.plan import Plan
-from fl3d.sweep.run import POLL_SECONDS, machine, prepare_sweep
+from fl3d.sweep.run import POLL_SECONDS
 from fl3d.sweep.scheduler import Scheduler
+from fl3d.sweep.setup import machine, prepare_sweep
 from fl3d.sweep.sweepers.grid import Listed, point_of
 
 DETECTORS = ("voxelnet", "fcn3d")

@@ -11,8 +11,9 @@ from fl3d.store.memory import MemoryStore
 from fl3d.sweep.launchers.base import Launcher
 from fl3d.sweep.launchers.inline import InlineLauncher
 from fl3d.sweep.plan import Plan
-from fl3d.sweep.run import Prepared, Ran, machine, prepare_sweep, run_sweep
+from fl3d.sweep.run import Ran, run_sweep
 from fl3d.sweep.scheduler import Outcome, Scheduler
+from fl3d.sweep.setup import Prepared, machine, prepare_sweep
 from fl3d.sweep.sweepers.grid import Listed, point_of
 
 SMALL = (

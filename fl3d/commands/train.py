@@ -18,7 +18,8 @@ from fl3d.papers.results import write_sweep
 from fl3d.papers.stored import feeding
 from fl3d.runs.finished import open_sweep
 from fl3d.sweep.launchers.base import Launcher
-from fl3d.sweep.run import Prepared, Ran, prepare_sweep, run_sweep
+from fl3d.sweep.run import Ran, run_sweep
+from fl3d.sweep.setup import Prepared, prepare_sweep
 from fl3d.sweep.sweepers.base import Sweeper
 from fl3d.sweep.sweepers.grid import Listed, point_of
 

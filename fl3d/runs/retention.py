@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from fl3d.evaluation.selection import MEAN_3D
-from fl3d.runs.layout import RunFolder
+from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.spec import read_scores, read_spec
 
 
@@ -44,6 +44,27 @@ def superfluous_weights(folder: RunFolder, every: int | None) -> list[Path]:
     kept = kept_epochs(sorted(steps), means, (every, spec.machine.keep_every))
     files = [folder.weights(step) for epoch, step in sorted(steps.items()) if epoch not in kept]
     return [file for file in files if file.exists()]
+
+
+class Tidy:
+    """Deletes weights that nobody needs of stages that are done, each stage once.
+
+    Args:
+        layout: of the store folder.
+        every: see ``superfluous_weights``.
+    """
+
+    def __init__(self, layout: StoreFolder, every: int | None) -> None:
+        self.layout = layout
+        self.every = every
+        self._tidied: set[str] = set()
+
+    def stages(self, done: Iterable[str]) -> None:
+        """Tidy the stages that are new among those that are done."""
+        for key in set(done) - self._tidied:
+            self._tidied.add(key)
+            for path in superfluous_weights(self.layout.run(key), self.every):
+                path.unlink(missing_ok=True)
 
 
 def _mean(folder: RunFolder, step: int, protocol: str) -> float:

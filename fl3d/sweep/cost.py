@@ -115,6 +115,10 @@ class Costs:
             seconds, flops, n_checkpoints * network.bytes, n_checkpoints * boxes, known is not None
         )
 
+    def seconds(self, stage: Stage) -> float:
+        """Predicted for one stage, on one slot."""
+        return self.cost(stage).seconds
+
     def learn(self) -> None:
         """Read how long the checkpoints below the folder took; those that were read before are passed over."""
         for path in sorted(self.stages_root.glob("*-*")):

@@ -19,7 +19,7 @@ from fl3d.runs.checkpoints import write_marker
 from fl3d.runs.finished import FinishedSweep, FinishedTrial
 from fl3d.runs.scores import tidy
 from fl3d.runs.spec import Spec, write_done, write_spec
-from fl3d.sweep.run import Prepared, machine
+from fl3d.sweep.setup import Prepared, machine
 from tests.support import small_sweep
 
 Noise = Callable[[Trial], float]

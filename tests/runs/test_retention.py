@@ -7,7 +7,7 @@ import pytest
 from fl3d.evaluation.selection import MEAN_3D
 from fl3d.runs.checkpoints import last_state
 from fl3d.runs.spec import read_scores
-from fl3d.sweep.run import Prepared
+from fl3d.sweep.setup import Prepared
 from tests.support import run_small, small_sweep
 
 POINTS = [["detector=voxelnet", f"loss.gamma={gamma}"] for gamma in (0, 2)]

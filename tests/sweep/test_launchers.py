@@ -23,7 +23,7 @@ from fl3d.core.leases import holder_of
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import Spec, write_spec
 from fl3d.sweep.launchers.base import JobState, Launcher
-from fl3d.sweep.run import Prepared, machine
+from fl3d.sweep.setup import Prepared, machine
 from tests.support import run_small, small_sweep
 
 LAUNCHERS = sorted(path.stem for path in (CONF / "hydra" / "launcher").glob("*.yaml"))

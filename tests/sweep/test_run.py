@@ -20,7 +20,7 @@ from fl3d.store.opening import open_store
 from fl3d.sweep.launchers.base import Job
 from fl3d.sweep.launchers.inline import InlineLauncher
 from fl3d.sweep.launchers.local import LocalLauncher
-from fl3d.sweep.run import Prepared, prepare_sweep
+from fl3d.sweep.setup import Prepared, prepare_sweep
 from fl3d.sweep.sweepers.base import Advice, Point, Standing, Sweeper, TrialState
 from fl3d.sweep.sweepers.grid import Listed, point_of
 from tests.support import run_small, small_config, small_sweep, train_stages

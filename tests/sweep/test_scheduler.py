@@ -13,8 +13,8 @@ from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.spec import Machine, read_spec
 from fl3d.sweep.launchers.base import Job, JobState, Launcher, LauncherBusy
 from fl3d.sweep.plan import Plan
-from fl3d.sweep.run import machine
 from fl3d.sweep.scheduler import MAX_TRIES, Scheduler
+from fl3d.sweep.setup import machine
 from tests.support import drive, small_sweep, train_stages
 
 POINTS = [["detector=voxelnet", f"loss.gamma={g}"] for g in (0, 2)]

@@ -12,7 +12,7 @@ from fl3d.config.compose import compose_config
 from fl3d.core.errors import DataError
 from fl3d.data.dataset import Frames, frames_with
 from fl3d.data.kitti import KittiFolder
-from fl3d.sweep.run import prepare_sweep
+from fl3d.sweep.setup import prepare_sweep
 from fl3d.sweep.sweepers.grid import Listed, point_of
 from fl3d.training import stage
 from tests.support import train_stages

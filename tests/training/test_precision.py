@@ -14,7 +14,7 @@ from fl3d.inference.load import build_detector
 from fl3d.inference.precision import check_precision, multiplying, set_precision
 from fl3d.runs.spec import read_scores
 from fl3d.sparse import layers
-from fl3d.sweep.run import prepare_sweep
+from fl3d.sweep.setup import prepare_sweep
 from fl3d.sweep.sweepers.grid import Listed, point_of
 from tests.support import train_stages
 

@@ -9,7 +9,7 @@ from fl3d.config.compose import compose_config
 from fl3d.core.errors import ConfigError
 from fl3d.runs.checkpoints import load_state
 from fl3d.runs.spec import read_scores
-from fl3d.sweep.run import Prepared, prepare_sweep
+from fl3d.sweep.setup import Prepared, prepare_sweep
 from fl3d.sweep.sweepers.grid import Listed, point_of
 from fl3d.training.rates import OneCycle, StepDecay
 from tests.support import train_stages

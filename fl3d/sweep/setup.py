@@ -1,0 +1,147 @@
+"""What a sweep needs before its loop begins: data, a first plan, and what is known of this machine."""
+
+from __future__ import annotations
+
+import socket
+from dataclasses import dataclass
+
+from fl3d.config.settings import Settings, read_settings
+from fl3d.core.errors import ConfigError, StoreError
+from fl3d.core.leases import holder_of
+from fl3d.core.provenance import provenance, uncommitted
+from fl3d.data.kitti import KittiFolder
+from fl3d.evaluation.detections import read_validation
+from fl3d.runs.layout import StoreFolder
+from fl3d.runs.plans import read_plan, write_plan
+from fl3d.runs.spec import Machine
+from fl3d.store.base import Store
+from fl3d.sweep.notes import note
+from fl3d.sweep.pictures import draw_frame_with_most_cars
+from fl3d.sweep.plan import DataInfo, Plan
+from fl3d.sweep.planner import Planner
+from fl3d.sweep.prepare import PreparedData, prepare_data
+from fl3d.sweep.recorder import Subject
+from fl3d.sweep.scoreboard import Scoreboard
+from fl3d.sweep.sweepers.base import Sweeper
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prepared:
+    """A sweep whose data are at hand and whose first trials are planned.
+
+    Args:
+        sweeper: proposes its trials.
+        settings: what all trials share.
+        data: where the frames lie.
+        planner: lays out what the sweeper proposes.
+        plan: of the trials that are known beforehand.
+    """
+
+    sweeper: Sweeper
+    settings: Settings
+    data: PreparedData
+    planner: Planner
+    plan: Plan
+
+    @property
+    def layout(self) -> StoreFolder:
+        """Of its store folder."""
+        return StoreFolder(self.settings.store.root)
+
+    @property
+    def kitti(self) -> KittiFolder:
+        """Its frames."""
+        return KittiFolder(self.data.root, self.settings.data.crop, self.settings.data.calibration)
+
+
+def prepare_sweep(sweeper: Sweeper) -> Prepared:
+    """Find or simulate the data, and plan what the sweeper proposes first.
+
+    Raises:
+        ConfigError: there are no trials, or they cannot be run.
+        DataError: the data cannot be used.
+    """
+    if not sweeper.base:
+        raise ConfigError("a sweep needs at least one trial")
+    settings = read_settings(sweeper.base)
+    data = prepare_data(settings.data)
+    info = DataInfo(data.digest, len(data.train_ids), data.image_digest)
+    planner = Planner(sweeper.base, settings, sweeper.swept, info, grows=sweeper.listens)
+    plan = planner.plan(sweeper.first())
+    if plan.trials:
+        planner.frozen(plan)  # a baseline that is no level is refused now
+    return Prepared(sweeper=sweeper, settings=settings, data=data, planner=planner, plan=plan)
+
+
+def scoreboard(prepared: Prepared) -> Scoreboard:
+    """The scores of the sweep's stages."""
+    validation = read_validation(prepared.kitti, prepared.data.val_ids)
+    return Scoreboard(prepared.layout, validation, prepared.settings.protocol)
+
+
+def machine(prepared: Prepared) -> Machine:
+    """Settings under which this machine starts stages."""
+    settings = prepared.settings
+    return Machine(
+        data_root=prepared.data.root.absolute(),
+        train_ids=prepared.data.train_ids,
+        val_ids=prepared.data.val_ids,
+        protocol=settings.protocol,
+        device=settings.device,
+        workers=settings.workers,
+        cache_frames=settings.data.cache_frames,
+        save_every_steps=settings.save_every_steps,
+        keep_every=settings.store.keep_every,
+        provenance=provenance(),
+    )
+
+
+def freeze(prepared: Prepared, plan: Plan) -> None:
+    """Keep the plan, so that its trials can be told later, whatever configs say then.
+
+    Stages of earlier starts under the same name are remembered too: they are nobody's waste.
+    """
+    if not plan.trials:
+        return
+    path = prepared.layout.plan(prepared.settings.experiment)
+    try:
+        earlier = read_plan(path).stages
+    except StoreError:  # the first start, or one of another version
+        earlier = set()
+    write_plan(path, prepared.planner.frozen(plan, earlier))
+
+
+def refuse_several_machines(store: Store, layout: StoreFolder) -> None:
+    """Refuse a second machine where the store is for one at a time.
+
+    Raises:
+        StoreError: another machine runs a sweep on this root.
+    """
+    if not store.is_for_one_machine:
+        return
+    for path in layout.plans.glob("*.lease"):
+        holder = holder_of(path)
+        if holder is not None and holder.host != socket.gethostname():
+            raise StoreError(
+                f"{path}: {holder} runs a sweep on this store, and SQLite is for one machine at a time; "
+                "give both a server: store.uri=postgresql://USER@HOST/NAME or http://HOST:PORT"
+            )
+
+
+def subject(prepared: Prepared, store: Store, scores: Scoreboard) -> Subject:
+    """What the recorder writes of every trial."""
+    settings = prepared.settings
+    made_by = provenance()
+    changes = uncommitted() if "fl3d.diff" in made_by else ""
+    return Subject(
+        experiment=store.experiment(settings.experiment, note(settings)),
+        factor=prepared.planner.design.factor,
+        best_among=settings.best_among,
+        dataset=(settings.folder_name, prepared.data.digest),
+        data_root=prepared.data.root,
+        tags={**made_by, "fl3d.evaluator": settings.protocol.id},
+        files={"uncommitted.patch": changes} if changes else {},
+        draw=draw_frame_with_most_cars(
+            prepared.layout, prepared.kitti, scores.validation, settings.protocol
+        ),
+    )
