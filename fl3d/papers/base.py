@@ -99,7 +99,8 @@ class Paper:
         tables: that sweeps feed, in printed order.
         still: tables that need no training, made now.
         draw: figures of a sweep into a folder; every file written. None: it has none.
-        claims: sentences of it that state a number, beside ours; None: none are kept.
+        claims: sentences of it that state a number, beside what a sweep gives; None: none are kept, or none are about
+            such a sweep.
         captions: of figures, by their files' names without ending.
     """
 
@@ -107,7 +108,7 @@ class Paper:
     tables: tuple[PaperTable, ...]
     still: Callable[[], list[Table]] = list
     draw: Callable[[FinishedSweep, Path], list[Path]] | None = None
-    claims: Callable[[FinishedSweep], Table] | None = None
+    claims: Callable[[FinishedSweep], Table | None] | None = None
     captions: Mapping[str, str] = field(default_factory=dict)
 
 

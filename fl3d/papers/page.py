@@ -67,11 +67,9 @@ def write_page(
     halves, more = _halves(main)
     pictures += more
     folder = main.settings.results_folder
-    claims = [
-        paper.claims(main)
-        for paper in papers_of(main.settings.sweep.tables)
-        if paper.claims is not None
-    ]
+    papers = papers_of(main.settings.sweep.tables)
+    drawn = [paper.claims(main) for paper in papers if paper.claims is not None]
+    claims = [table for table in drawn if table is not None]
     write_tables([*claims, halves], folder)
     still = write_still_tables(main)
     pngs = [path for path in pictures if path.suffix == ".png"]

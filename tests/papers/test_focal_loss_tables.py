@@ -3,12 +3,14 @@
 import csv
 import io
 from collections.abc import Sequence
+from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from fl3d.core.errors import ConfigError
 from fl3d.papers.base import PaperTable
+from fl3d.papers.focal_loss.paper import FOCAL_LOSS
 from fl3d.papers.focal_loss.published_cells import published_table
 from fl3d.papers.focal_loss.tables import (
     BEST_MODELS,
@@ -17,6 +19,7 @@ from fl3d.papers.focal_loss.tables import (
     LOSS_FORMS,
     best_pairs,
     format_lr,
+    is_over_gamma,
 )
 from fl3d.papers.registry import TABLES, papers_of, tables_named
 from fl3d.reports.render import to_csv, to_latex, to_markdown
@@ -247,3 +250,17 @@ def test_a_detector_whose_baseline_is_not_done_has_no_table_with_intervals() -> 
     sweep = voxelnet_sweep([("loss.gamma=1", 1.0), ("loss.gamma=2", 2.0)])
     gains = pd.DataFrame({"group": ["3D-FCN"], "level": ["0"], "seeds": [1]})
     assert LAST_VOXELNET.intervals(made(LAST_VOXELNET, sweep), gains) is None
+
+
+def test_a_sweep_of_loss_forms_has_no_figures_and_claims_over_gamma(tmp_path: Path) -> None:
+    """Its trials all have gamma 0, and would be taken for twins."""
+    rows = [
+        Made(overrides=(f"loss={form}",), scores={10: aps(5)}) for form in ("original", "enhanced")
+    ]
+    sweep = finished_sweep(("+sweep=loss_form",), rows)
+    assert not is_over_gamma(sweep)
+    assert FOCAL_LOSS.draw is not None
+    assert FOCAL_LOSS.claims is not None
+    assert FOCAL_LOSS.draw(sweep, tmp_path) == []
+    assert FOCAL_LOSS.claims(sweep) is None
+    assert list(tmp_path.iterdir()) == []

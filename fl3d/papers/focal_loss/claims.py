@@ -20,7 +20,7 @@ from fl3d.papers.focal_loss.gain_claims import (
     gain_claims,
     step_claims,
 )
-from fl3d.papers.focal_loss.tables import GAMMA, best_pairs, gamma_of
+from fl3d.papers.focal_loss.tables import GAMMA, best_pairs, gamma_of, is_over_gamma
 from fl3d.papers.focal_loss.window_figures import BINS, cumulative_loss
 from fl3d.reports.table import AP_COLUMNS, Table
 from fl3d.runs.finished import FinishedSweep
@@ -30,12 +30,14 @@ HARDEST = 0.15  # of the positives, that carry half of their loss
 LOOKED_AT = 100  # frames that voxels and windows are counted on
 
 
-def claims_of(sweep: FinishedSweep) -> Table:
-    """All claims about gains, windows and networks, as a table.
+def claims_of(sweep: FinishedSweep) -> Table | None:
+    """All claims about gains, windows and networks, as a table; None for a sweep that is not over gamma.
 
     Args:
         sweep: over gamma; its run folders must be at hand.
     """
+    if not is_over_gamma(sweep):
+        return None
     claims = gain_claims(_last_aps(sweep))
     claims += [best_claim(best_pairs(sweep)), *step_claims()]
     claims += [_half_of_loss(sweep), *_posteriors(sweep), *_networks(sweep)]

@@ -13,7 +13,7 @@ from fl3d.detectors.fcn3d import FCN3D
 from fl3d.inference.load import build_detector
 from fl3d.inference.windows import windows_of
 from fl3d.papers.base import with_values
-from fl3d.papers.focal_loss.tables import GAMMA, LAST_TABLES, best_pairs, gamma_of
+from fl3d.papers.focal_loss.tables import GAMMA, LAST_TABLES, best_pairs, gamma_of, is_over_gamma
 from fl3d.papers.focal_loss.window_figures import figure_4, figure_5, imbalance_by_height
 from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models
@@ -32,13 +32,14 @@ CAPTIONS = {
 
 
 def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
-    """Draw the paper's figures of a sweep over gamma; every file written.
+    """Draw the paper's figures of a sweep over gamma; every file written, none for other sweeps.
 
     Args:
         sweep: its run folders must be at hand.
         folder: of the figures.
     """
-    if not {trial.detector for trial in sweep.trials} & set(LAST_TABLES):
+    detectors = {trial.detector for trial in sweep.trials}
+    if not is_over_gamma(sweep) or not detectors & set(LAST_TABLES):
         return []
     written = _posteriors(sweep, folder)
     written += _cumulative_losses(sweep, folder)

@@ -204,6 +204,12 @@ LOSS_FORMS = LossForms()
 LAST_TABLES = {table.detector: table for table in (LAST_3D_FCN, LAST_VOXELNET)}
 
 
+def is_over_gamma(sweep: FinishedSweep) -> bool:
+    """Whether a sweep feeds a table over gamma: the figures and the claims of the paper are about such."""
+    over_gamma = {LAST_3D_FCN.name, LAST_VOXELNET.name, BEST_MODELS.name}
+    return bool(over_gamma & set(sweep.settings.sweep.tables))
+
+
 def best_pairs(sweep: FinishedSweep) -> pd.DataFrame:
     """Of each detector the best model with gamma = 0 and, of all gamma > 0, the one of highest mean 3D AP."""
     every = by_gamma(sweep, "best", BEST_MODELS)
