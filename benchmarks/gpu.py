@@ -282,7 +282,16 @@ def train(folder: Path, seconds: float, index: int, count: int, **way: Any) -> d
         for key, value in schedule.items()
         if key not in ("stages", "epochs", "save_every_steps")
     }
-    stage = Stage("benchmark", "warmup", result_config(config), None, 0, 0, 10_000, 8)
+    stage = Stage(
+        key="benchmark",
+        name="warmup",
+        config=result_config(config),
+        parent=None,
+        start_epoch=0,
+        start_step=0,
+        epochs=10_000,
+        epoch_steps=8,
+    )
     kitti = KittiFolder(folder)
     trainer = Trainer(
         stage,

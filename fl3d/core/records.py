@@ -9,7 +9,7 @@ from typing import Any
 Config = dict[str, Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Stage:
     """One stretch of training under one config.
 
@@ -92,7 +92,7 @@ class Trial:
         return f"{self.group} {self.level} seed {self.seed}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Checkpoint:
     """A stage at one step, as its marker file tells it.
 

@@ -33,7 +33,7 @@ BOX_BYTES, IMAGE_BOX_BYTES = (
 PURPOSES = ("training", "detection", "scoring")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Cost:
     """What a stage costs.
 
@@ -112,7 +112,11 @@ class Costs:
         else:
             seconds = flops / self.speed() * self._slowness(network.target)
         return Cost(
-            seconds, flops, n_checkpoints * network.bytes, n_checkpoints * boxes, known is not None
+            seconds=seconds,
+            flops=flops,
+            weights_bytes=n_checkpoints * network.bytes,
+            detection_bytes=n_checkpoints * boxes,
+            is_measured=known is not None,
         )
 
     def seconds(self, stage: Stage) -> float:

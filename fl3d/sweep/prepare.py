@@ -13,7 +13,7 @@ from fl3d.data.kitti import KittiFolder
 from fl3d.simulator.generate import Settings, generate, is_whole
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PreparedData:
     """Where the frames of a sweep lie, and which they are.
 
@@ -70,4 +70,10 @@ def prepare_data(data: DataSettings) -> PreparedData:
     if not train or not val:
         raise DataError("a split without frames cannot be used", root / "ImageSets")
     whole = digest([folder.digest(train), folder.digest(val)])[:16]
-    return PreparedData(root, tuple(train), tuple(val), whole, folder.image_digest([*train, *val]))
+    return PreparedData(
+        root=root,
+        train_ids=tuple(train),
+        val_ids=tuple(val),
+        digest=whole,
+        image_digest=folder.image_digest([*train, *val]),
+    )

@@ -209,16 +209,16 @@ class _Run:
         write_marker(
             self.folder,
             Checkpoint(
-                self.stage.key,
-                step,
-                self.trainer.epoch,
-                lr,
-                losses,
-                seconds,
-                sha256,
-                found_sha256,
-                _first_made(self.folder, step),
-                made,
+                stage=self.stage.key,
+                step=step,
+                epoch=self.trainer.epoch,
+                lr=lr,
+                losses=losses,
+                seconds=seconds,
+                sha256=sha256,
+                detections_sha256=found_sha256,
+                time_ms=_first_made(self.folder, step),
+                made_by=made,
             ),
         )
 

@@ -78,7 +78,18 @@ class World:
             for key, steps in zip(trial.stages, STEPS.values(), strict=True):
                 folder = self.layout.run(key)
                 for step in steps:
-                    write_marker(folder, Checkpoint(key, step, step // 2, 0.1, {}, {}, ""))
+                    write_marker(
+                        folder,
+                        Checkpoint(
+                            stage=key,
+                            step=step,
+                            epoch=step // 2,
+                            lr=0.1,
+                            losses={},
+                            seconds={},
+                            sha256="",
+                        ),
+                    )
                 write_done(folder, {"step": steps[-1]})
 
     def log(self, trials: Sequence[FrozenTrial] = GRID, protocol: Protocol | None = None) -> None:
@@ -213,7 +224,16 @@ def stage_of(trial: FrozenTrial) -> Stage:
         "data": {"crop": "image", "calibration": "frame"},
         "detections": {"max_boxes": 10, "min_score": 0.1},
     }
-    return Stage(trial.key, "focal", config, trial.stages[0], 1, 2, 2, 2)
+    return Stage(
+        key=trial.key,
+        name="focal",
+        config=config,
+        parent=trial.stages[0],
+        start_epoch=1,
+        start_step=2,
+        epochs=2,
+        epoch_steps=2,
+    )
 
 
 def test_detections_are_held_against_its_own_frames(ran: World, simulated: Path) -> None:

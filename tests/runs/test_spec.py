@@ -40,7 +40,16 @@ CONFIG = {
     "data": {"crop": "none", "calibration": "mean"},
     "detections": {"max_boxes": 300, "min_score": 0.01},
 }
-STAGE = Stage("voxelnet-focal-1234", "focal", CONFIG, "voxelnet-warmup-1", 12, 120, 3, 10)
+STAGE = Stage(
+    key="voxelnet-focal-1234",
+    name="focal",
+    config=CONFIG,
+    parent="voxelnet-warmup-1",
+    start_epoch=12,
+    start_step=120,
+    epochs=3,
+    epoch_steps=10,
+)
 
 
 def spec(tmp_path: Path, **config: object) -> Spec:
@@ -127,7 +136,9 @@ def test_scores_are_kept_by_protocol(folder: RunFolder) -> None:
 
 def checkpoint(folder: RunFolder, step: int, weights: bool = True) -> None:
     sha256 = save_state(folder.weights(step), {"step": step}) if weights else ""
-    marker = Checkpoint(folder.key, step, step // 10, 0.1, {}, {}, sha256)
+    marker = Checkpoint(
+        stage=folder.key, step=step, epoch=step // 10, lr=0.1, losses={}, seconds={}, sha256=sha256
+    )
     write_marker(folder, marker)
 
 

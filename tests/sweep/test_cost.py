@@ -22,7 +22,16 @@ from fl3d.sweep.tree import plan_tree
 
 
 def stage(key: str, parent: str | None) -> Stage:
-    return Stage(key, key, {"detector": {"_target_": "D"}, "loss": {}}, parent, 0, 0, 1, 1)
+    return Stage(
+        key=key,
+        name=key,
+        config={"detector": {"_target_": "D"}, "loss": {}},
+        parent=parent,
+        start_epoch=0,
+        start_step=0,
+        epochs=1,
+        epoch_steps=1,
+    )
 
 
 def tree(*stages: Stage) -> Plan:
@@ -89,7 +98,19 @@ def test_a_second_network_is_guessed_by_how_slow_the_first_was(tmp_path: Path) -
     flops = frame * rpn.config["schedule"]["batch_size"] * 3
     training = 40 * steps * flops / costs.speed()  # 40 times as long as the FLOPs say
     seconds = {"training": training, "detection": 3.0, "scoring": 0.0}
-    write_marker(folder, Checkpoint(rpn.key, steps, every, 1e-3, {}, seconds, "", ""))
+    write_marker(
+        folder,
+        Checkpoint(
+            stage=rpn.key,
+            step=steps,
+            epoch=every,
+            lr=1e-3,
+            losses={},
+            seconds=seconds,
+            sha256="",
+            detections_sha256="",
+        ),
+    )
     fresh = Costs(tmp_path, 300)  # asked for the second alone, as a resumed sweep does
     fresh.learn()
     assert fresh.cost(rcnn).seconds == pytest.approx(40 * before[1])

@@ -23,7 +23,16 @@ MACHINE = Machine(data_root=Path("data"), train_ids=("0",), val_ids=("1",), prot
 
 
 def stage(key: str, parent: str | None, epochs: int = 1) -> Stage:
-    return Stage(key, key, {"loss": {}}, parent, 0, 0, epochs, 1)
+    return Stage(
+        key=key,
+        name=key,
+        config={"loss": {}},
+        parent=parent,
+        start_epoch=0,
+        start_step=0,
+        epochs=epochs,
+        epoch_steps=1,
+    )
 
 
 def tree(*stages: Stage) -> Plan:

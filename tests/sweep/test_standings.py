@@ -12,7 +12,16 @@ from fl3d.sweep.sweepers.base import TrialState
 
 
 def stage(key: str, parent: str | None, epochs: int) -> Stage:
-    return Stage(key, key, {"loss": {}}, parent, 0, 0, epochs, 1)
+    return Stage(
+        key=key,
+        name=key,
+        config={"loss": {}},
+        parent=parent,
+        start_epoch=0,
+        start_step=0,
+        epochs=epochs,
+        epoch_steps=1,
+    )
 
 
 def trial(*stages: str) -> Trial:

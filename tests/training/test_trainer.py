@@ -56,7 +56,16 @@ class Slope(Detector):
 def stage(epochs: int, epoch_steps: int, start_epoch: int = 0, start_step: int = 0) -> Stage:
     config = {"seed": 0, "precision": "float32"}
     parent = "before" if start_step else None
-    return Stage("slope-only", "only", config, parent, start_epoch, start_step, epochs, epoch_steps)
+    return Stage(
+        key="slope-only",
+        name="only",
+        config=config,
+        parent=parent,
+        start_epoch=start_epoch,
+        start_step=start_step,
+        epochs=epochs,
+        epoch_steps=epoch_steps,
+    )
 
 
 def trainer_of(stage: Stage, lr: float = 1.0, momentum: float = 0.0, **changes: Any) -> Trainer:
