@@ -1,17 +1,16 @@
 """One tiny sweep from scratch to its tables, as a user runs it: interrupted, resumed, run again.
 
 The golden tables are of one machine's arithmetic; other processors round otherwise, so cells are
-compared within TOLERANCES. When a change moves them, write here what and why, and regenerate with
-`python tests/test_end_to_end.py`.
+compared within TOLERANCE of one set of them, whole. When a change moves them, write here what and
+why, and regenerate with `python tests/test_end_to_end.py`.
 
 History of the golden tables:
   1. first version.
   2. simulator 2: other frames.
   3. VoxelNet computes its heads as matrix products, and looks at frames in batches of two: other
      rounding.
-  4. no other tables, but a wider tolerance for VoxelNet: the same code gives a BEV AP easy of 44.8
-     (gamma = 0) on the machine of the golden tables, 31.6 on one with AVX-512 and AMX, and 36.4 on
-     that one without them. 3D-FCN's are the same digits on all.
+  4. a second set, of a processor with AVX-512 and AMX: the same code gives VoxelNet a BEV AP easy of
+     44.8 (gamma = 0) on the first machine and 31.6 on this one. 3D-FCN's are the same digits on both.
 """
 
 import os
@@ -30,8 +29,8 @@ from fl3d.reports.table import AP_COLUMNS
 
 ROOT = Path(__file__).resolve().parent.parent
 GOLDEN = ROOT / "tests" / "golden"
-TOLERANCES = {"3D-FCN": 3.0, "VoxelNet": 15.0}  # AP; a single R11 step is 9
-DETECTORS = {"II": "3D-FCN", "III": "VoxelNet"}  # of the tables of one
+KINDS = (GOLDEN, GOLDEN / "avx512_amx")  # of processors that the tables were made on
+TOLERANCE = 3.0  # AP; a single R11 step is 9
 GAMMAS = "loss.gamma=0,2"
 
 
@@ -87,18 +86,19 @@ def test_it_says_what_it_does_and_prints_the_tables(finished: tuple[Path, str]) 
 
 
 def test_the_tables_are_the_golden_ones(finished: tuple[Path, str]) -> None:
+    """All of them those of one kind of processor: 3D-FCN's of one and VoxelNet's of another will not do."""
     folder = finished[0] / "results" / "simulated-tiny" / "tables"
+    aps = list(AP_COLUMNS)
+    largest = dict.fromkeys(KINDS, 0.0)
     for name in ("II", "III", "IV"):
         found = pd.read_csv(folder / f"table_{name}.csv")
-        golden = pd.read_csv(GOLDEN / f"table_{name}.csv")
-        front = [column for column in golden if column not in AP_COLUMNS]
-        pd.testing.assert_frame_equal(found[front], golden[front])
-        detectors = golden["detector"] if "detector" in front else [DETECTORS[name]] * len(golden)
-        aps = list(AP_COLUMNS)
-        differences = (found[aps] - golden[aps]).abs().max(axis=1)
-        for detector, difference in zip(detectors, differences, strict=True):
-            assert difference < TOLERANCES[detector], (name, detector)
-        assert golden[aps].to_numpy().max() > 1  # a table of zeros would prove nothing
+        for kind in KINDS:
+            golden = pd.read_csv(kind / f"table_{name}.csv")
+            front = [column for column in golden if column not in AP_COLUMNS]
+            pd.testing.assert_frame_equal(found[front], golden[front])
+            largest[kind] = max(largest[kind], (found[aps] - golden[aps]).abs().to_numpy().max())
+            assert golden[aps].to_numpy().max() > 1  # a table of zeros would prove nothing
+    assert min(largest.values()) < TOLERANCE, largest
 
 
 def test_the_store_holds_the_whole_curve_of_every_trial(finished: tuple[Path, str]) -> None:

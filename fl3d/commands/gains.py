@@ -21,19 +21,21 @@ def run(arguments: list[str]) -> None:
     arguments_of = parser("gains", run.__doc__)
     arguments_of.add_argument("overrides", nargs="+", help=HELP)
     arguments_of.add_argument(
-        "--metric", default="3d/moderate", help="of the printed table (default: 3d/moderate)"
+        "--metric", help="of the printed table, such as 3d/moderate (default: of sweep.primary)"
     )
     arguments_of.add_argument(
-        "--average", default="R40", choices=AVERAGES, help="of the printed table (default: R40)"
+        "--average", choices=AVERAGES, help="of the printed table (default: of sweep.primary)"
     )
     given = arguments_of.parse_intermixed_args(arguments)
     possible = [f"{view}/{level}" for view in METRICS for level in DIFFICULTIES]
-    if given.metric not in possible:
+    if given.metric is not None and given.metric not in possible:
         raise ConfigError(f"--metric {given.metric}: {options(given.metric, possible)}")
     sweep = open_words(read_words(given.overrides))
     compared = compare_sweep(sweep)
     table = gains(compared, sweep.baseline)
-    for printed in gains_tables(table, levels_of(sweep), given.metric, given.average):
+    metric = given.metric or sweep.settings.sweep.metric
+    average = given.average or sweep.settings.sweep.average
+    for printed in gains_tables(table, levels_of(sweep), metric, average):
         print(to_markdown(printed))
     for group in without_baseline(compared, sweep.baseline):
         print(f"{group}: no gains, for no trial of the baseline {sweep.baseline} is done.")

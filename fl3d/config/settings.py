@@ -85,6 +85,16 @@ class SweepSettings:
     after: str | None
     winner: str | None
 
+    @property
+    def metric(self) -> str:
+        """View and difficulty of the primary metric: ``3d/moderate``."""
+        return self.primary.replace("_r40/", "/")
+
+    @property
+    def average(self) -> str:
+        """``R11`` or ``R40``, of the primary metric."""
+        return "R40" if "_r40/" in self.primary else "R11"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:

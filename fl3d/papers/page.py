@@ -91,10 +91,10 @@ def write_page(
 
 def findings(table: pd.DataFrame, sweep: FinishedSweep) -> list[str]:
     """For each group, which gains in the primary metric are significant."""
-    view, difficulty = sweep.settings.sweep.primary.split("/")
-    average = "R40" if view.endswith("_r40") else "R11"
+    view, difficulty = sweep.settings.sweep.metric.split("/")
+    average = sweep.settings.sweep.average
     own = table[
-        (table["metric"] == view.removesuffix("_r40"))
+        (table["metric"] == view)
         & (table["difficulty"] == difficulty)
         & (table["average"] == average)
     ]
@@ -113,7 +113,7 @@ def findings(table: pd.DataFrame, sweep: FinishedSweep) -> list[str]:
             if parts
             else "no gain's interval excludes zero"
         )
-        metric = f"{view.removesuffix('_r40').upper()} AP {difficulty} ({average})"
+        metric = f"{view.upper()} AP {difficulty} ({average})"
         found.append(f"{group}: {metric} {interval} at {levels.text(sweep.baseline)}; {told}.")
     seeds = int(own["seeds"].max())
     over = (

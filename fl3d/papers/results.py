@@ -21,7 +21,7 @@ from fl3d.reports.intervals import with_intervals
 from fl3d.reports.levels import Levels, levels_table, slug
 from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
-from fl3d.runs.design import short_names
+from fl3d.runs.design import factor_name
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.scores import score_file, write_score_file
 
@@ -32,8 +32,7 @@ CUTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 
 def levels_of(sweep: FinishedSweep) -> Levels:
     """The levels of a sweep, as tables and figures tell them."""
-    name = ", ".join(short_names(sweep.factor).values())
-    return Levels(name, sweep.levels, sweep.baseline)
+    return Levels(factor_name(sweep.factor), sweep.levels, sweep.baseline)
 
 
 def protocol_note(settings: Settings, average: str = "R11") -> str:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fl3d.config.compose import CONF, compose_config
-from fl3d.config.settings import Settings, read_settings
+from fl3d.config.settings import read_settings
 from fl3d.core.errors import StoreError
 from fl3d.papers.base import PaperTable
-from fl3d.runs.finished import FinishedSweep, open_sweep
-from fl3d.runs.layout import StoreFolder
-from fl3d.runs.scores import score_file
+from fl3d.runs.finished import FinishedSweep, is_stored, open_sweep
 
 PLACES = ("data", "profile", "store", "results")  # keys that say where a sweep lies
 
@@ -34,7 +33,8 @@ def stored_sweeps(words: Sequence[str], published: Path | None) -> list[Finished
     base = read_settings(compose_config(places))
     found = []
     for path in sorted((CONF / "sweep").glob("*.yaml")):
-        if not _may_be_stored(base, path.stem, published):
+        # Without composing its config, which takes a while: sweep files are called as their sweeps.
+        if not is_stored(replace(base, sweep=replace(base.sweep, name=path.stem)), published):
             continue
         settings = read_settings(compose_config([*places, f"+sweep={path.stem}"]))
         try:
@@ -42,13 +42,6 @@ def stored_sweeps(words: Sequence[str], published: Path | None) -> list[Finished
         except StoreError:  # planned, and none of its trials is done
             continue
     return found
-
-
-def _may_be_stored(base: Settings, sweep: str, published: Path | None) -> bool:
-    """Without composing its config, which takes a while: sweep files are called as their sweeps."""
-    folders = [base.results_folder, *([published / base.folder_name] if published else [])]
-    plan = StoreFolder(base.store.root).plan(f"{sweep}-{base.folder_name}")
-    return plan.exists() or any(score_file(folder, sweep).exists() for folder in folders)
 
 
 def feeding(

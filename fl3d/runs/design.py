@@ -30,7 +30,7 @@ class Design:
     @property
     def factor_name(self) -> str:
         """Short: ``gamma``, or ``alpha, beta``."""
-        return ", ".join(short_names(self.factor).values())
+        return factor_name(self.factor)
 
     def level(self, values: Mapping[str, Any], config: Config, detector: str) -> str:
         """Label of a trial's level.
@@ -91,6 +91,11 @@ def make_design(swept: Iterable[str], asked: SweepSettings) -> Design:
     if groups is None:
         groups = tuple(key for key in keys if key not in factor)
     return Design(factor, groups)
+
+
+def factor_name(factor: Iterable[str]) -> str:
+    """What a factor is called in tables: ``gamma``, or ``alpha, beta``."""
+    return ", ".join(short_names(factor).values())
 
 
 def level_text(factor: Sequence[str], level: str) -> str:

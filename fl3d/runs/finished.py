@@ -23,7 +23,7 @@ from fl3d.evaluation.detections import (
 )
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import select
-from fl3d.runs.design import SEED, in_order, label_of
+from fl3d.runs.design import SEED, baseline_level, in_order, label_of
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.plans import FrozenPlan, FrozenTrial, read_plan
 from fl3d.runs.scores import read_score_file, score_file, tidy
@@ -135,10 +135,18 @@ class FinishedSweep:
         """Keys that are compared."""
         return self.plan.factor
 
-    @property
+    @cached_property
     def baseline(self) -> str:
-        """Level that the others are held against."""
-        return self.plan.baseline
+        """Level that the others are held against: the one asked for now, or else when the sweep was run.
+
+        Raises:
+            ConfigError: ``sweep.baseline`` is no level of the sweep.
+        """
+        asked = self.settings.sweep.baseline
+        if asked is None:
+            return self.plan.baseline
+        levels = list(dict.fromkeys(trial.level for trial in self.plan.trials))
+        return baseline_level(levels, self.factor, asked)
 
     @cached_property
     def levels(self) -> list[str]:

@@ -10,7 +10,7 @@ import pytest
 
 from fl3d.config.compose import compose_config
 from fl3d.config.settings import Settings, read_settings
-from fl3d.core.errors import StoreError
+from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.records import Checkpoint, Stage
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.detections import Detections, write_detections
@@ -451,3 +451,14 @@ def test_a_trial_tells_what_its_plan_tells() -> None:
     trial = FinishedTrial(GRID[0], ())
     assert (trial.key, trial.group, trial.level) == (GRID[0].key, "VoxelNet", "10")
     assert (trial.seed, trial.detector) == (0, "VoxelNet")
+
+
+def test_a_baseline_asked_for_now_is_held_to_and_must_be_a_level(ran: World) -> None:
+    def asking(baseline: object) -> str:
+        sweep = replace(ran.settings.sweep, baseline=baseline)
+        return open_sweep(replace(ran.settings, sweep=sweep)).baseline
+
+    assert asking(None) == "0"
+    assert asking(2.0) == "2"
+    with pytest.raises(ConfigError, match=r"sweep.baseline: no level '7'"):
+        asking(7)
