@@ -11,7 +11,8 @@ by loader processes, as one stage and as several at once on the card, and packed
 in one process on the same batches. Last, the time of the paper's whole gamma sweep at the best
 rate: 2 detectors, 30 + 7 x 30 epochs of 3712 steps, and 3769 frames looked at after each.
 
-Each measurement has a process of its own. The last line is one JSON object.
+Each measurement has a process of its own; those of the ways to compute are started together and
+have the card in turn. The last line is one JSON object.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ from fl3d.sweep.identity import result_config
 from fl3d.training.build import build_optimizer, build_schedule
 from fl3d.training.trainer import Trainer
 
-NETWORKS = ("voxelnet", "fcn3d")
+ENDS = {"voxelnet": 0.6, "fcn3d": 1.0}  # share of the time by which a network has been measured
 # compute, precision, compiled; the first is what a sweep does unless told otherwise
 WAYS = [("sparse", "float32", False), ("sparse", "bf16", False), ("dense", "float32", False)]
 WAYS += [("dense", "tf32", False), ("dense", "bf16", False), ("dense", "bf16", True)]
@@ -85,9 +86,7 @@ def main() -> None:
             f"{card(arguments.device)}, torch {torch.__version__}, frames of the simulator, "
             f"profile {arguments.size}"
         )
-        ends = {
-            name: started + seconds * (k + 1) / len(NETWORKS) for k, name in enumerate(NETWORKS)
-        }
+        ends = {name: started + seconds * end for name, end in ENDS.items()}
         found = {name: report(Path(folder), name, common, end) for name, end in ends.items()}
         hours = [one.get("sweep_hours") for one in found.values()]
         if None not in hours:
@@ -106,10 +105,12 @@ def report(folder: Path, name: str, common: dict[str, Any], deadline: float) -> 
     )
     found: dict[str, Any] = {"ways": {}, "shared": {}}
     ways = WAYS if common["device"] != "cpu" else [way for way in WAYS if way[1] != "tf32"]
-    for compute, precision, compiled in tqdm(ways, desc=name, unit="way"):
-        one = {"name": name, "compute": compute, "precision": precision, "compiled": compiled}
-        label = f"{compute} {precision}{' compiled' if compiled else ''}"
-        result = alone(folder, "steps", common | one, deadline)
+    asked = [dict(zip(("compute", "precision", "compiled"), way, strict=True)) for way in ways]
+    started = [start(folder, "steps", common | {"name": name} | one, False) for one in asked]
+    for way, process in tqdm(list(zip(asked, started, strict=True)), desc=name, unit="way"):
+        one, precision = {"name": name} | way, way["precision"]
+        label = f"{way['compute']} {precision}{' compiled' if way['compiled'] else ''}"
+        result = finish(process, deadline)
         if result is not None:
             found["ways"][label] = result | one
             tera = 3 * flops / result["step"] / 1e12
@@ -147,7 +148,7 @@ def shared(
     found = []
     for count in AT_ONCE:
         running = [
-            start(folder, "train", one | {"seconds": 8, "index": k, "count": count})
+            start(folder, "train", one | {"seconds": 5, "index": k, "count": count})
             for k in range(count)
         ]
         ended = [
@@ -164,15 +165,21 @@ def shared(
     return [*found, (f"{PACKED} packed", packed)] if packed is not None else found
 
 
-def start(folder: Path, kind: str, values: dict[str, Any]) -> subprocess.Popen[str]:
+def start(
+    folder: Path, kind: str, values: dict[str, Any], at_once: bool = True
+) -> subprocess.Popen[str]:
+    """A measurement's process; it goes on the card at once, or when ``finish`` waits for it."""
     command = [sys.executable, __file__, "--one", kind, str(folder), json.dumps(values)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    turn = subprocess.DEVNULL if at_once else subprocess.PIPE
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, stdin=turn, text=True, **pipes)
 
 
 def finish(process: subprocess.Popen[str], deadline: float) -> dict[str, Any] | None:
     """What a process found; None, and a line why, where it failed or had no time left."""
     try:
-        out, problem = process.communicate(timeout=max(0.1, deadline - time.monotonic()))
+        left = max(0.1, deadline - time.monotonic())
+        out, problem = process.communicate("\n" if process.stdin else None, timeout=left)
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
@@ -209,7 +216,11 @@ def config_of(
 
 def network(config: dict[str, Any]) -> tuple[Any, torch.optim.Optimizer]:
     """A detector on its device, and its optimiser."""
-    detector = build_detector(config).to(config["device"])
+    return on_device(build_detector(config), config)
+
+
+def on_device(detector: Any, config: dict[str, Any]) -> tuple[Any, torch.optim.Optimizer]:
+    detector.to(config["device"])
     if config["compile"]:
         detector.compile_dense()
     return detector.train(), build_optimizer(config, detector)
@@ -230,8 +241,11 @@ def steps(folder: Path, **way: Any) -> dict[str, float]:
     """Seconds of a training step and of a frame's detection, and peak memory on the card."""
     config = config_of(**way)
     prepare(0, config["device"], config["precision"])
-    detector, optimizer = network(config)
-    batches = batches_of(detector, folder, config["device"], 8)
+    detector = build_detector(config)
+    batches = batches_of(detector, folder, "cpu", 8)
+    sys.stdin.readline()  # its turn
+    detector, optimizer = on_device(detector, config)
+    batches = [to_device(batch, config["device"]) for batch in batches]
 
     def step(batch: Any) -> None:
         with multiplying(config["precision"], config["device"]):

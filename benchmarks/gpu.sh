@@ -7,4 +7,4 @@ python=python3
 if [ -x .venv/bin/python ]; then python=.venv/bin/python; fi
 "$python" -c 'import torch, sys; torch.cuda.is_available() or sys.exit("torch here sees no GPU; install one built for CUDA")'
 if command -v nvidia-smi > /dev/null; then nvidia-smi --query-gpu=name,driver_version,power.limit --format=csv,noheader; fi
-PYTHONPATH=. OMP_NUM_THREADS=1 exec "$python" benchmarks/gpu.py "$@"
+PYTHONPATH=".${PYTHONPATH:+:$PYTHONPATH}" OMP_NUM_THREADS=1 exec "$python" benchmarks/gpu.py "$@"

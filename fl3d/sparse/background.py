@@ -15,7 +15,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from fl3d.sparse.layout import Layout
+from fl3d.sparse.functions import each_row_once
+from fl3d.sparse.layout import BLOCK, Layout
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,21 @@ class TakeCanvas(torch.autograd.Function):
     @staticmethod
     def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:  # type: ignore[no-untyped-def]
         """(N, C) -> (M, C)."""
+        if grad.is_cuda:
+            return sum_in_blocks(grad, ctx.layout), None
         order, offsets = ctx.layout.order
         ordered = grad.index_select(0, order)
         return torch.stack([ordered[start:end].sum(0) for start, end in _spans(offsets)]), None
+
+
+def sum_in_blocks(values: Tensor, layout: Layout) -> Tensor:
+    """Sum (N, C) over the active rows of each class, (M, C): in one order, and in a dozen calls.
+
+    A sum for each class is cheap on a CPU; on CUDA VoxelNet's step at full size waited for its 3600 calls.
+    """
+    places, owners = layout.blocks
+    padded = values.new_zeros(len(owners) * BLOCK, values.shape[1])
+    with each_row_once(values):
+        padded.index_copy_(0, places, values)
+    sums = padded.view(len(owners), BLOCK, values.shape[1]).sum(1)
+    return values.new_zeros(layout.n_canvas + 1, values.shape[1]).index_add_(0, owners, sums)[:-1]

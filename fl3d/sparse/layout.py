@@ -11,6 +11,7 @@ from torch import Tensor
 
 Triple = tuple[int, int, int]
 Geometry = tuple[Triple, Triple, Triple]  # kernel, stride and padding along z, y, x
+BLOCK = 128  # rows of a class that are summed at once on CUDA
 Classes = tuple[Tensor, Tensor, Tensor]  # of each position along z, y and x: int64
 
 
@@ -83,6 +84,25 @@ class Layout:
         order = torch.argsort(self.row_classes, stable=True)
         counts = torch.bincount(self.row_classes, minlength=self.n_canvas)
         return order, [0, *counts.cumsum(0).tolist()]
+
+    @cached_property
+    def blocks(self) -> tuple[Tensor, Tensor]:
+        """A place for each active row in blocks of ``BLOCK`` rows of one class, and each block's class.
+
+        Made without a wait for the device: there are as many blocks as there can be, and those that are not needed are
+        of a class behind all others.
+        """
+        order = torch.argsort(self.row_classes, stable=True)
+        counts = torch.bincount(self.row_classes, minlength=self.n_canvas)
+        held = (counts + BLOCK - 1) // BLOCK
+        ends = held.cumsum(0)
+        moved = (ends - held) * BLOCK - (counts.cumsum(0) - counts)  # from a rank to its place
+        ranks = torch.arange(len(order), device=order.device)
+        places = torch.empty_like(order)
+        places[order] = ranks + moved[self.row_classes[order]]
+        most = len(order) // BLOCK + min(len(order), self.n_canvas)
+        every = torch.arange(most, device=order.device)
+        return places, torch.searchsorted(ends, every, right=True)
 
     @cached_property
     def weights(self) -> Tensor:

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor, nn
 
 from fl3d.sparse import layers
-from fl3d.sparse.background import BackgroundMap, dense, dense_bev
-from fl3d.sparse.layout import pack
+from fl3d.sparse.background import BackgroundMap, dense, dense_bev, sum_in_blocks
+from fl3d.sparse.layout import Layout, pack
 from fl3d.sparse.rulebook import voxel_layout
 
 Shape = tuple[int, int, int]
@@ -287,3 +287,23 @@ def test_a_single_small_grid_takes_another_way_to_the_same(
     for grad in (found, expected):
         grad.square().sum().backward()
     torch.testing.assert_close(ours.weight.grad, theirs.weight.grad, rtol=1e-3, atol=1e-2)
+
+
+@pytest.mark.parametrize(("n_rows", "fill"), [(0, 0.0), (1, 1.0), (700, 0.5), (2000, 0.02)])
+def test_sums_in_blocks_are_those_of_each_class(n_rows: int, fill: float) -> None:
+    """What CUDA does instead of a sum for each class: classes of no row, of one, and of many blocks."""
+    generator = torch.Generator().manual_seed(0)
+    z, y, x = (
+        torch.arange(3),
+        torch.arange(5),
+        (torch.rand(n_rows + 4, generator=generator) > fill).long(),
+    )
+    x[-1] = 1  # both classes are there, whether or not a row is
+    sites = torch.stack([torch.arange(n_rows) % n for n in (1, 3, 5, n_rows + 1)], dim=1)
+    layout = Layout(1, (z, y, x), sites)
+    values = torch.randn(n_rows, 3, dtype=torch.float64, generator=generator)
+    found = sum_in_blocks(values, layout)
+    truth = torch.zeros(layout.n_canvas, 3, dtype=torch.float64).index_add_(
+        0, layout.row_classes, values
+    )
+    torch.testing.assert_close(found, truth, rtol=1e-12, atol=1e-12)
