@@ -1,70 +1,51 @@
-"""APs of a sweep and their gains over the baseline, with intervals over frames and seeds."""
+"""APs of a sweep and their gains over the baseline, with intervals over frames and training seeds."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
+import numpy as np
 import pandas as pd
 
+from fl3d.analysis.samples import AVERAGES, CELLS, Comparisons, Resampled, Samples, paired
 from fl3d.core.errors import ConfigError
-from fl3d.evaluation.average_precision import Comparison
-from fl3d.evaluation.bootstrap import Interval, Paired, paired_bootstrap
-from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
+from fl3d.evaluation.intervals import Interval, Sample, interval, joint_intervals
 from fl3d.evaluation.recall import OVERLAPS, recall
-from fl3d.runs.finished import FinishedSweep
+from fl3d.evaluation.verdicts import FEWEST
 
-AVERAGES = ("R11", "R40")
-# Group, then level, then seed.
-Comparisons = dict[str, dict[str, dict[int, Comparison]]]
-
-
-def compare_sweep(sweep: FinishedSweep, rule: str = "last") -> Comparisons:
-    """Stored detections of a sweep's trials held against the labels, by group, level and seed.
-
-    Args:
-        sweep: its run folders must be at hand.
-        rule: which checkpoint stands for a trial: ``last`` or ``best``.
-
-    Raises:
-        StoreError: only its scores are here.
-        DataError: detections or labels cannot be read.
-    """
-    steps = sweep.steps(rule)
-    found: Comparisons = {}
-    for group in sweep.groups:
-        found[group] = {level: {} for level in sweep.levels}
-    for trial in sweep.trials:
-        comparison = sweep.comparison(trial, steps[trial.key])
-        found[trial.group][trial.level][trial.seed] = comparison
-    return {
-        group: {level: by_seed for level, by_seed in levels.items() if by_seed}
-        for group, levels in found.items()
-    }
+R11_STEP = 100 / 11  # what one more of its recall samples is worth in R11
+TABLE = ("bev", "3d")  # metrics of a table's cells, which are one family of marks
+R11, R40 = (AVERAGES.index(name) for name in ("R11", "R40"))
 
 
-def gains(compared: Comparisons, baseline: str, n_resamples: int = 1000) -> pd.DataFrame:
-    """AP and gain of every level, metric and difficulty, with 95 % intervals.
+def gains(samples: Samples, baseline: str) -> pd.DataFrame:
+    """AP and gain of every level, metric and difficulty, with 95 % intervals, each for itself.
 
     Args:
-        compared: see ``compare_sweep``. Groups without the baseline are left out, and so are seeds that it lacks.
+        samples: see ``samples.resample_sweep``. Groups without the baseline are left out, and so are seeds that it
+            lacks.
         baseline: level that the others are held against.
-        n_resamples: of the bootstrap.
 
     Returns:
-        a row for each group, level, metric, difficulty and average (R11, R40).
+        a row for each group, level, metric, difficulty and average (R11, R40): ``seeds``, ``ap`` and ``gain`` with
+        ``_low`` and ``_high``, ``one_r11_step``, and ``marked``: whether the gain in R40 differs from zero, from three
+        seeds on, where all cells of the group's table are looked at together.
 
     Raises:
         ConfigError: no group has the baseline.
     """
     rows = []
-    for group, levels in compared.items():
+    for group, levels in samples.items():
         base = levels.get(baseline, {})
-        for level, by_seed in levels.items():
-            seeds = sorted(set(by_seed) & set(base))
-            if seeds:
-                front = {"group": group, "level": level, "seeds": len(seeds)}
-                pair = ([by_seed[seed] for seed in seeds], [base[seed] for seed in seeds])
-                rows += [front | row for row in _rows(*pair, n_resamples)]
+        own = {level: by_seed for level, by_seed in levels.items() if set(by_seed) & set(base)}
+        marked = _marked(own, baseline)
+        for level, by_seed in own.items():
+            front = {"group": group, "level": level, "seeds": len(set(by_seed) & set(base))}
+            for place, (metric, difficulty) in enumerate(CELLS):
+                for row in _cell_rows(by_seed, base, place):
+                    cell = {"metric": metric, "difficulty": difficulty}
+                    mark = {"marked": (level, place) in marked}
+                    rows.append({**front, **cell, **row, **mark})
     if not rows:
         raise ConfigError(
             f"a gain needs a trial of the baseline '{baseline}' that is done, with a seed of the others; "
@@ -73,35 +54,43 @@ def gains(compared: Comparisons, baseline: str, n_resamples: int = 1000) -> pd.D
     return pd.DataFrame(rows)
 
 
-def _rows(
-    side: Sequence[Comparison], base: Sequence[Comparison], n_resamples: int
+def _cell_rows(
+    side: Mapping[int, Resampled], base: Mapping[int, Resampled], place: int
 ) -> list[dict[str, object]]:
-    rows: list[dict[str, object]] = []
-    for metric in METRICS:
-        for difficulty in DIFFICULTIES:
-            paired = paired_bootstrap(
-                [one.matches("Car", metric, difficulty) for one in side],
-                [one.matches("Car", metric, difficulty) for one in base],
-                n_resamples,
-            )
-            for place, average in enumerate(AVERAGES):
-                row: dict[str, object] = {"metric": metric, "difficulty": difficulty}
-                rows.append(row | {"average": average} | _columns(paired, place))
+    """One cell of a level: a row an average."""
+    found = [paired(side, base, place, average) for average in (R11, R40)]
+    is_step = is_one_step(*(float(np.mean(gain.values)) for _, gain in found))
+    rows = []
+    for name, (ap, gain) in zip(AVERAGES, found, strict=True):
+        row: dict[str, object] = {"average": name}
+        row |= _columns("ap", interval(ap).within_percent()) | _columns("gain", interval(gain))
+        rows.append(row | {"one_r11_step": is_step and name == "R11"})
     return rows
 
 
-def _columns(paired: Paired, place: int) -> dict[str, object]:
-    gain = paired.gain[place]
-    return {
-        **_interval("ap", paired.ap[place]),
-        **_interval("gain", gain),
-        "significant": gain.excludes_zero,
-        "one_r11_step": paired.one_step and AVERAGES[place] == "R11",
-    }
+def is_one_step(r11: float, r40: float) -> bool:
+    """Whether a gain in R11 is of the size of one of its recall steps while R40 gains less than half as much.
+
+    A step is worth 9.09 times the precision there; less is lost or won elsewhere.
+    """
+    return bool(R11_STEP / 4 < abs(r11) < R11_STEP * 1.5 and r40 * np.sign(r11) < abs(r11) / 2)
 
 
-def _interval(name: str, interval: Interval) -> dict[str, object]:
-    return {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}
+def _marked(levels: Mapping[str, Mapping[int, Resampled]], baseline: str) -> set[tuple[str, int]]:
+    """Levels and cells of a group's table whose gains in R40 differ from zero, all at once."""
+    base = levels.get(baseline, {})
+    places = [place for place, (metric, _) in enumerate(CELLS) if metric in TABLE]
+    family: dict[tuple[str, int], Sample] = {}
+    for level, by_seed in levels.items():
+        if level != baseline and len(set(by_seed) & set(base)) >= FEWEST:
+            for place in places:
+                family[level, place] = paired(by_seed, base, place, R40)[1]
+    found = joint_intervals(list(family.values()))
+    return {key for key, one in zip(family, found, strict=True) if one.excludes_zero}
+
+
+def _columns(name: str, one: Interval) -> dict[str, object]:
+    return {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}
 
 
 def recalls(compared: Comparisons) -> pd.DataFrame:

@@ -34,7 +34,7 @@ def split_halves(sweep: FinishedSweep) -> pd.DataFrame:
 
 
 def _halved(sweep: FinishedSweep, trial: FinishedTrial) -> tuple[float, float]:
-    sides: NDArray[np.int64] | None = None
+    sides: NDArray[np.int32] | None = None
     means = []
     moderate = []
     for step in trial.folder.steps():
@@ -51,10 +51,10 @@ def _halved(sweep: FinishedSweep, trial: FinishedTrial) -> tuple[float, float]:
     return split_half(np.stack(means, axis=-1), np.stack(moderate, axis=-1))
 
 
-def halves(n_frames: int) -> NDArray[np.int64]:
+def halves(n_frames: int) -> NDArray[np.int32]:
     """Which frames are on each side: (2, R, F) of 0 and 1."""
     rng = np.random.default_rng([0, n_frames])
-    first = np.zeros((HALVINGS, n_frames), dtype=np.int64)
+    first = np.zeros((HALVINGS, n_frames), dtype=np.int32)
     for row in first:
         row[rng.permutation(n_frames)[: n_frames // 2]] = 1
     return np.stack([first, 1 - first])

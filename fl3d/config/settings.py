@@ -29,6 +29,7 @@ class DataSettings:
         crop: see ``data.kitti.KittiFolder``.
         calibration: likewise.
         cache_frames: kept in memory by each process.
+        mapping: folder of KITTI's mapping of frames to drives; None: ``mapping`` below ``root``.
     """
 
     name: str
@@ -42,6 +43,7 @@ class DataSettings:
     crop: str
     calibration: str
     cache_frames: int
+    mapping: Path | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +72,7 @@ class SweepSettings:
         baseline: the level that the others are held against, as the user wrote it; None: the first.
         groups: keys whose values have a table each; None: the swept keys that are neither factor nor ``seed``.
         primary: metric that is named before training, such as ``3d_r40/moderate``.
+        margin: gains below it do not matter, AP.
         tables: of papers, such as ``focal_loss.last_voxelnet``.
         after: a sweep whose winner's values this one keeps; None: none.
         winner: metric that decides who wins; None: nobody does.
@@ -81,6 +84,7 @@ class SweepSettings:
     baseline: Any
     groups: tuple[str, ...] | None
     primary: str
+    margin: float
     tables: tuple[str, ...]
     after: str | None
     winner: str | None
@@ -206,8 +210,10 @@ def read_stage_settings(config: Config) -> StageSettings:
 
 
 def _data(section: Mapping[str, Any]) -> DataSettings:
-    root = section["root"]
-    return DataSettings(**{**section, "root": None if root is None else Path(root)})
+    paths = {key: section[key] for key in ("root", "mapping")}
+    return DataSettings(
+        **{**section, **{key: None if path is None else Path(path) for key, path in paths.items()}}
+    )
 
 
 def _store(section: Mapping[str, Any]) -> StoreSettings:
@@ -221,6 +227,9 @@ def _sweep(section: Mapping[str, Any]) -> SweepSettings:
         raise ConfigError(
             f"sweep.primary: no metric '{primary}'. {options(str(primary), possible)}"
         )
+    margin = section["margin"]
+    if not isinstance(margin, int | float) or isinstance(margin, bool) or not margin > 0:
+        raise ConfigError(f"sweep.margin: {margin}, but it is a gain in AP above 0, such as 1")
     groups = section["groups"]
     return SweepSettings(
         **{

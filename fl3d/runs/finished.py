@@ -23,11 +23,13 @@ from fl3d.evaluation.detections import (
 )
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import select
-from fl3d.runs.design import SEED, baseline_level, in_order, label_of
+from fl3d.reports.levels import Levels
+from fl3d.runs.design import SEED, baseline_level, factor_name, in_order, label_of
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.plans import FrozenPlan, FrozenTrial, read_plan
 from fl3d.runs.scores import read_score_file, score_file, tidy
 from fl3d.runs.spec import read_spec
+from fl3d.store.base import Store
 from fl3d.store.opening import open_store
 
 Asked = Mapping[str, Sequence[Any]]
@@ -181,11 +183,15 @@ class FinishedSweep:
             str(key): int(step) for key, step in zip(chosen["trial"], chosen["step"], strict=True)
         }
 
-    def runs(self) -> dict[str, str]:
-        """Ids of its trials' runs in the store, by the trials' keys; none where its scores come from a file."""
+    def runs(self, store: Store | None = None) -> dict[str, str]:
+        """Ids of its trials' runs in a store, by the trials' keys; none where its scores come from a file.
+
+        Args:
+            store: None: the one that its settings name.
+        """
         if not self.is_from_store:
             return {}
-        store = open_store(self.settings.store.root, self.settings.store.uri)
+        store = store or open_store(self.settings.store.root, self.settings.store.uri)
         raw = store.read(self.settings.experiment)
         own = raw[
             (raw["protocol"] == self.protocol.id)
@@ -218,6 +224,11 @@ class FinishedSweep:
     def comparison(self, trial: FinishedTrial, step: int | None = None) -> Comparison:
         """A checkpoint's detections held against the labels, under the sweep's protocol."""
         return compare_stored(self.detections(trial, step), self.validation, self.protocol)
+
+
+def levels_of(sweep: FinishedSweep) -> Levels:
+    """The levels of a sweep, as tables and figures tell them."""
+    return Levels(factor_name(sweep.factor), sweep.levels, sweep.baseline)
 
 
 def open_sweep(
@@ -275,6 +286,12 @@ def _from_files(settings: Settings, published: Path | None) -> FinishedSweep:
     file = next((file for file in files if file.exists()), None)
     if file is None:
         tried = " or ".join(str(file) for file in files)
+        planned = StoreFolder(settings.store.root).plan(settings.experiment)
+        if planned.exists():
+            count = len(read_plan(planned).trials)
+            raise StoreError(
+                f"{settings.experiment}: none of its {count} trials is done yet; the command that started it resumes it"
+            )
         raise StoreError(
             f"{settings.store.root}: no scores of {settings.experiment}, and none in {tried}; run the sweep first"
         )

@@ -58,12 +58,14 @@ class FrozenPlan:
         baseline: level that the others are held against.
         trials: in the sweeper's order.
         earlier: stages of trials of earlier starts under the same name: they are nobody's waste.
+        looks: numbers of seeds after which verdicts are asked for, where seeds are added until there is one.
     """
 
     factor: tuple[str, ...]
     baseline: str
     trials: tuple[FrozenTrial, ...]
     earlier: tuple[str, ...] = ()
+    looks: tuple[int, ...] = ()
 
     @property
     def stages(self) -> set[str]:
@@ -101,6 +103,7 @@ def write_plan(path: Path, plan: FrozenPlan) -> None:
         "trials": trials,
         "config": shared,
         "earlier": sorted(plan.earlier),
+        **({"looks": plan.looks} if plan.looks else {}),
     }
     write_text(path, json.dumps(content, indent=1) + "\n")
 
@@ -122,6 +125,7 @@ def read_plan(path: Path) -> FrozenPlan:
             baseline=content["baseline"],
             trials=tuple(_trial(one, content["config"]) for one in content["trials"]),
             earlier=tuple(content["earlier"]),
+            looks=tuple(content.get("looks", ())),
         )
     except FileNotFoundError:
         raise StoreError(f"{path}: no such file; run the sweep first") from None

@@ -43,6 +43,7 @@ BOOKKEEPING = (
     "data.train_frames",
     "data.val_frames",
     "data.cache_frames",
+    "data.mapping",
     "profile.*",
     "protocol.*",
     "schedule.save_every_steps",

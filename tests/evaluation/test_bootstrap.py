@@ -1,13 +1,14 @@
-"""How sure an AP is."""
+"""How an AP moves when frames, or drives, are drawn again."""
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from fl3d.core.errors import ConfigError
 from fl3d.data.label_table import LabelTable
 from fl3d.data.labels import Labels
 from fl3d.evaluation.average_precision import Comparison, compare, curve_of
-from fl3d.evaluation.bootstrap import R11_STEP, frame_weights, paired_bootstrap, resampled_aps
+from fl3d.evaluation.bootstrap import resampled_aps, unit_weights, widened
+from fl3d.evaluation.matching import Int
 from fl3d.evaluation.overlaps import find_overlaps
 from fl3d.evaluation.recall import recall
 from tests.evaluation.test_average_precision import EMPTY, frame, protocol, table_from_labels, thing
@@ -40,37 +41,89 @@ def comparison(gt: list[Labels], det: list[Labels]) -> Comparison:
 def test_a_weighted_ap_is_the_ap_of_the_resampled_frames(seed: int) -> None:
     gt, det = scene(seed)
     whole = comparison(gt, det)
-    weights = frame_weights(len(gt), 3, seed)
+    weights = unit_weights(len(gt), 3, seed)
     for level in ("easy", "moderate", "hard"):
         fast = resampled_aps(whole.matches("Car", "3d", level), weights)
         for row, weight in zip(fast, weights, strict=True):
             chosen = np.repeat(np.arange(len(gt)), weight)
-            curve = comparison([gt[i] for i in chosen], [det[i] for i in chosen]).curve(
-                "Car", "3d", level
-            )
-            assert row.tolist() == pytest.approx([curve.ap_r11, curve.ap_r40], rel=1e-12)
+            assert row.tolist() == pytest.approx(aps_of(gt, det, chosen, level), rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drive_that_is_drawn_brings_all_its_frames_each_time(seed: int) -> None:
+    """Drives of unequal size whose frames are not neighbours."""
+    gt, det = scene(seed)
+    drives = np.random.default_rng(seed).choice(5, len(gt), p=[0.5, 0.2, 0.15, 0.1, 0.05])
+    weights = unit_weights(5, 4, seed)
+    fast = resampled_aps(comparison(gt, det).matches("Car", "3d", "hard"), weights, drives)
+    for row, weight in zip(fast, weights, strict=True):
+        chosen = np.repeat(np.arange(len(gt)), weight[drives])
+        assert len(chosen) == (weight * np.bincount(drives, minlength=5)).sum()
+        assert row.tolist() == pytest.approx(aps_of(gt, det, chosen, "hard"), rel=1e-12)
+
+
+def aps_of(gt: list[Labels], det: list[Labels], chosen: Int, level: str) -> list[float]:
+    """R11 and R40 of some frames, which are matched anew."""
+    curve = comparison([gt[i] for i in chosen], [det[i] for i in chosen]).curve("Car", "3d", level)
+    return [curve.ap_r11, curve.ap_r40]
+
+
+def test_frames_by_themselves_are_units_of_one() -> None:
+    matches = comparison(*scene(6)).matches("Car", "3d", "moderate")
+    weights = unit_weights(40, 20)
+    assert (resampled_aps(matches, weights, np.arange(40)) == resampled_aps(matches, weights)).all()
 
 
 def test_every_frame_once_gives_the_ap_itself() -> None:
     matches = comparison(*scene(7)).matches("Car", "bev", "moderate")
     curve = curve_of(matches)
-    once = resampled_aps(matches, np.ones((1, 40), dtype=np.int64))[0]
+    once = resampled_aps(matches, np.ones((1, 40), dtype=np.int32))[0]
     assert once.tolist() == pytest.approx([curve.ap_r11, curve.ap_r40], rel=1e-12)
 
 
-def test_resamples_are_seeded_and_draw_as_many_frames_as_there_are() -> None:
-    weights = frame_weights(30, 50, seed=1)
+def test_resamples_are_seeded_and_draw_as_many_units_as_there_are() -> None:
+    weights = unit_weights(30, 50, seed=1)
+    assert weights.shape == (50, 30)
     assert (weights.sum(axis=1) == 30).all()
-    assert (frame_weights(30, 50, seed=1) == weights).all()
-    assert (frame_weights(30, 50, seed=2) != weights).any()
+    assert (unit_weights(30, 50, seed=2) != weights).any()
+    unit_weights.cache_clear()
+    assert (unit_weights(30, 50, seed=1) == weights).all()
 
 
-def test_a_detector_against_itself_gains_nothing() -> None:
-    matches = comparison(*scene(1)).matches("Car", "3d", "moderate")
-    found = paired_bootstrap([matches], [matches], n_resamples=100)
-    assert (found.gain[0].value, found.gain[0].low, found.gain[0].high) == (0, 0, 0)
-    assert not found.gain[0].excludes_zero
-    assert found.ap[1].low <= found.ap[1].value <= found.ap[1].high
+def test_each_unit_is_drawn_as_often_as_chance_has_it() -> None:
+    """Of 20 units each is left out of a resample with (1 - 1/20)^20, and drawn once on average."""
+    weights = unit_weights(20, 5000)
+    assert (weights == 0).mean() == pytest.approx((1 - 1 / 20) ** 20, abs=0.01)
+    assert weights.mean(axis=0) == pytest.approx(np.ones(20), abs=0.06)
+    assert weights.var(axis=0) == pytest.approx(np.full(20, 1 - 1 / 20), abs=0.1)
+
+
+def test_draws_of_few_units_are_widened_by_t_and_by_the_unit_that_is_missing() -> None:
+    """Ten drives alike: 2.262 / 1.960 times the root of 10 / 9; one that has nearly all frames leaves few."""
+    draws = np.random.default_rng(0).normal(70.0, 2.0, (400, 2))
+    found = widened(draws, np.repeat(np.arange(10), 7))
+    assert found.mean(axis=0) == pytest.approx(draws.mean(axis=0))
+    factor = 2.2622 / 1.9600 * (10 / 9) ** 0.5
+    assert found.std(axis=0) / draws.std(axis=0) == pytest.approx([factor] * 2, rel=1e-4)
+    unequal = widened(draws, np.repeat(np.arange(10), [91, *[1] * 9]))
+    assert (unequal.std(axis=0) > 5 * draws.std(axis=0)).all()
+    many = widened(draws, np.arange(1000))
+    assert many == pytest.approx(draws, abs=0.02)
+
+
+def test_widening_keeps_pairs_together() -> None:
+    units = np.repeat(np.arange(6), 3)
+    one, other = np.random.default_rng(1).normal(70.0, 2.0, (2, 300))
+    assert widened(one, units) - widened(other, units) == pytest.approx(widened(one - other, units))
+
+
+def test_a_resample_without_ground_truth_has_no_ap() -> None:
+    gt = [EMPTY, frame(thing(0))]
+    det = [frame(thing(0, score=0.5)), frame(thing(0, score=0.9))]
+    matches = comparison(gt, det).matches("Car", "3d", "easy")
+    weights = np.array([[2, 0], [0, 2]], dtype=np.int32)
+    assert resampled_aps(matches, weights)[0].tolist() == [0.0, 0.0]
+    assert resampled_aps(matches, weights)[1, 0] > 0
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -87,62 +140,15 @@ def test_pairing_makes_a_difference_surer_than_other_frames_for_each_side(seed: 
     _, worse = scene(seed, n_frames=n_frames, noise=0.13)
     a = comparison(gt, det).matches("Car", "3d", "hard")
     b = comparison(gt, worse).matches("Car", "3d", "hard")
-    paired = paired_bootstrap([a], [b], n_resamples=n_resamples).gain[1]
-    of_a = resampled_aps(a, frame_weights(n_frames, n_resamples, seed=1))[:, 1]
-    of_b = resampled_aps(b, frame_weights(n_frames, n_resamples, seed=2))[:, 1]
-    low, high = np.percentile(of_a - of_b, [2.5, 97.5])
-    assert paired.high - paired.low < 0.75 * (high - low)
+    first, second = (unit_weights(n_frames, n_resamples, own) for own in (1, 2))
+    of_a = resampled_aps(a, first)[:, 1]
+    paired, unpaired = (of_a - resampled_aps(b, weights)[:, 1] for weights in (first, second))
+    assert width(paired) < 0.75 * width(unpaired)
 
 
-def test_a_clear_loss_is_seen() -> None:
-    gt, det = scene(3, n_frames=150)
-    bad = [d.select(np.arange(len(d)) % 2 == 0) for d in det]
-    a, b = (comparison(gt, d).matches("Car", "3d", "hard") for d in (bad, det))
-    gain = paired_bootstrap([a], [b], n_resamples=300).gain
-    assert gain[1].value < 0
-    assert gain[1].excludes_zero
-
-
-def test_seeds_widen_the_interval() -> None:
-    """Two training seeds far apart: resampling them as well says so."""
-    gt, det = scene(4, n_frames=150)
-    bad = [d.select(np.arange(len(d)) % 2 == 0) for d in det]
-    good, poor = (comparison(gt, d).matches("Car", "3d", "hard") for d in (det, bad))
-    one = paired_bootstrap([good], [good], n_resamples=300).ap[1]
-    two = paired_bootstrap([good, poor], [good, good], n_resamples=300).ap[1]
-    assert two.high - two.low > 1.5 * (one.high - one.low)
-    assert two.value == pytest.approx((resampled(good) + resampled(poor)) / 2)
-
-
-def resampled(matches: object) -> float:
-    return float(resampled_aps(matches, np.ones((1, 150), dtype=np.int64))[0, 1])  # type: ignore[arg-type]
-
-
-def test_a_gain_of_one_recall_step_is_flagged() -> None:
-    """Of 100 cars one more is found, without a false alarm: R11 jumps at one of its samples and stands elsewhere."""
-    gt = [frame(thing(0)) for _ in range(100)]
-
-    def finding(n: int) -> Comparison:
-        return comparison(
-            gt, [frame(thing(0, score=0.9 - i / 1000)) if i < n else EMPTY for i in range(100)]
-        )
-
-    flagged = []
-    for n in range(12, 24):
-        a, b = (finding(k).matches("Car", "3d", "moderate") for k in (n + 1, n))
-        found = paired_bootstrap([a], [b], n_resamples=20)
-        assert found.one_step == (found.gain[0].value == pytest.approx(R11_STEP))
-        flagged.append(found.one_step)
-    assert flagged.count(True) == 1
-
-
-def test_different_frames_or_seeds_are_refused() -> None:
-    a = comparison(*scene(0, 10)).matches("Car", "3d", "easy")
-    b = comparison(*scene(0, 11)).matches("Car", "3d", "easy")
-    with pytest.raises(ConfigError, match="same frames"):
-        paired_bootstrap([a], [b])
-    with pytest.raises(ConfigError, match="same seeds"):
-        paired_bootstrap([a, a], [a])
+def width(draws: NDArray[np.float64]) -> float:
+    low, high = np.percentile(draws, [2.5, 97.5])
+    return float(high - low)
 
 
 def test_recall_by_hand() -> None:

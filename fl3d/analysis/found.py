@@ -1,0 +1,163 @@
+"""What a sweep has found: a verdict on each level, and all gains around it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fl3d.analysis.gains import gains
+from fl3d.analysis.samples import (
+    CELLS,
+    Comparisons,
+    Float,
+    Samples,
+    compare_sweep,
+    pair_seeds,
+    resample_cell,
+    resample_sweep,
+)
+from fl3d.analysis.seed_cost import seed_minutes
+from fl3d.analysis.verdicts import Pairs, judge, primary_place, verdicts
+from fl3d.evaluation.bootstrap import N_RESAMPLES
+from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.units import Units, units_of
+
+Drawn = Mapping[str, tuple[float, Float]]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What a sweep has found.
+
+    Args:
+        compared: checkpoints held against the labels.
+        samples: their APs in resamples of the frames.
+        gains: every cell, see ``gains.gains``.
+        verdicts: a row for each group and level, see ``verdicts``; with ``seed_minutes``, see ``seed_cost``.
+        units: what was resampled.
+        margin: of the verdicts, AP.
+        left_out: trials that are not done, or whose baseline is not, one sentence a group and level.
+    """
+
+    compared: Comparisons
+    samples: Samples
+    gains: pd.DataFrame
+    verdicts: pd.DataFrame
+    units: Units
+    margin: float
+    left_out: tuple[str, ...]
+
+
+def judge_sweep(sweep: FinishedSweep, rule: str = "last", n_resamples: int = N_RESAMPLES) -> Judged:
+    """Hold a sweep's checkpoints against the labels, and judge its levels.
+
+    Args:
+        sweep: its run folders must be at hand.
+        rule: which checkpoint stands for a trial: ``last`` or ``best``.
+        n_resamples: of the frames.
+
+    Raises:
+        ConfigError: no trial of the baseline is done.
+        StoreError: only its scores are here.
+        DataError: detections or labels cannot be read.
+    """
+    compared = compare_sweep(sweep, rule)
+    units = units_of(sweep)
+    samples = resample_sweep(compared, units.of_frames, n_resamples)
+    asked = sweep.settings.sweep
+    found = verdicts(samples, sweep.baseline, asked, sweep.plan.looks)
+    return Judged(
+        compared=compared,
+        samples=samples,
+        gains=gains(samples, sweep.baseline),
+        verdicts=_with_minutes(found, sweep),
+        units=units,
+        margin=asked.margin,
+        left_out=tuple(left_out(sweep)),
+    )
+
+
+def sweep_verdicts(
+    sweep: FinishedSweep, n_resamples: int = N_RESAMPLES, drawn: Drawn | None = None
+) -> pd.DataFrame:
+    """The verdicts of ``judge_sweep`` alone: a ninth of its work, for the primary metric is all that is resampled.
+
+    Args:
+        sweep: its run folders must be at hand.
+        n_resamples: of the frames.
+        drawn: of trials that were looked at before, by their keys, see ``draw_trial``; None: of none.
+
+    Raises:
+        StoreError: only its scores are here.
+        DataError: detections or labels cannot be read.
+    """
+    found: dict[str, dict[str, dict[int, tuple[float, Float]]]] = {}
+    units = units_of(sweep).of_frames
+    known = drawn or {}
+    for group in sweep.groups:
+        found[group] = {level: {} for level in sweep.levels}
+    for trial in sweep.trials:
+        own = known.get(trial.key) or draw_trial(sweep, trial, units, n_resamples)
+        found[trial.group][trial.level][trial.seed] = own
+    pairs = {group: _pair_levels(levels, sweep.baseline) for group, levels in found.items()}
+    return _with_minutes(
+        judge(pairs, sweep.baseline, sweep.settings.sweep, sweep.plan.looks), sweep
+    )
+
+
+def draw_trial(
+    sweep: FinishedSweep,
+    trial: FinishedTrial,
+    units: NDArray[np.int64],
+    n_resamples: int = N_RESAMPLES,
+) -> tuple[float, Float]:
+    """Primary metric of a trial's last checkpoint: on the frames as they are, and (R,) in each resample.
+
+    Raises:
+        StoreError: only its scores are here.
+        DataError: detections or labels cannot be read.
+    """
+    cell, average = primary_place(sweep.settings.sweep)
+    values, draws = resample_cell(sweep.comparison(trial), CELLS[cell], units, n_resamples)
+    return float(values[average]), draws[:, average]
+
+
+def _pair_levels(levels: Mapping[str, Mapping[int, tuple[float, Float]]], baseline: str) -> Pairs:
+    """Each level of a group that shares a seed with the baseline."""
+    base = levels.get(baseline, {})
+    own = {level: by_seed for level, by_seed in levels.items() if set(by_seed) & set(base)}
+    return {level: pair_seeds(by_seed, base) for level, by_seed in own.items()}
+
+
+def _with_minutes(found: pd.DataFrame, sweep: FinishedSweep) -> pd.DataFrame:
+    if found.empty:
+        return found
+    minutes = seed_minutes(sweep)
+    places = zip(found["group"], found["level"], strict=True)
+    return found.assign(seed_minutes=[minutes[place] for place in places])
+
+
+def left_out(sweep: FinishedSweep) -> list[str]:
+    """Replicates that no gain counts: they were planned and are not done, or the baseline of their seed is not."""
+    done = {(trial.group, trial.level, trial.seed) for trial in sweep.trials}
+    asked = {trial.seed for trial in sweep.trials}
+    missing: dict[tuple[str, str, str], list[str]] = {}
+    for trial in sweep.plan.trials:
+        is_asked = trial.group in sweep.groups and trial.level in sweep.levels
+        if trial.seed not in asked or not is_asked:
+            continue  # of a sweep that was asked for in part
+        if (trial.group, trial.level, trial.seed) not in done:
+            why = "not done"
+        elif (trial.group, sweep.baseline, trial.seed) not in done:
+            why = "its baseline is not done"
+        else:
+            continue
+        missing.setdefault((trial.group, trial.level, why), []).append(str(trial.seed))
+    return [
+        f"{group} {level}: seed {', '.join(seeds)} left out, {why}"
+        for (group, level, why), seeds in missing.items()
+    ]

@@ -1,0 +1,153 @@
+"""The checkpoints of a sweep held against the labels, and their APs in resamples of the frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from fl3d.evaluation.average_precision import Comparison
+from fl3d.evaluation.bootstrap import N_RESAMPLES, resampled_aps, unit_weights, widened
+from fl3d.evaluation.intervals import Sample, lasting_share
+from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
+from fl3d.runs.finished import FinishedSweep
+
+AVERAGES = ("R11", "R40")
+CELLS = tuple((metric, difficulty) for metric in METRICS for difficulty in DIFFICULTIES)
+# Group, then level, then seed.
+Comparisons = dict[str, dict[str, dict[int, Comparison]]]
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """APs of one checkpoint, by ``CELLS`` and ``AVERAGES``.
+
+    Args:
+        values: (9, 2) on the frames as they are.
+        draws: (R, 9, 2) in each resample.
+    """
+
+    values: Float
+    draws: Float
+
+
+Samples = Mapping[str, Mapping[str, Mapping[int, Resampled]]]
+
+
+def compare_sweep(sweep: FinishedSweep, rule: str = "last") -> Comparisons:
+    """Stored detections of a sweep's trials held against the labels, by group, level and seed.
+
+    Args:
+        sweep: its run folders must be at hand.
+        rule: which checkpoint stands for a trial: ``last`` or ``best``.
+
+    Raises:
+        StoreError: only its scores are here.
+        DataError: detections or labels cannot be read.
+    """
+    steps = sweep.steps(rule)
+    found: Comparisons = {}
+    for group in sweep.groups:
+        found[group] = {level: {} for level in sweep.levels}
+    for trial in sweep.trials:
+        comparison = sweep.comparison(trial, steps[trial.key])
+        found[trial.group][trial.level][trial.seed] = comparison
+    return {
+        group: {level: by_seed for level, by_seed in levels.items() if by_seed}
+        for group, levels in found.items()
+    }
+
+
+def resample_sweep(
+    compared: Comparisons, units: NDArray[np.int64] | None = None, n_resamples: int = N_RESAMPLES
+) -> Samples:
+    """APs of all checkpoints in the same resamples of the frames.
+
+    Args:
+        compared: see ``compare_sweep``.
+        units: (F,) what each frame is drawn with; None: each frame by itself.
+        n_resamples: how many.
+    """
+    count = sum(len(by_seed) for levels in compared.values() for by_seed in levels.values())
+    with tqdm(total=count, desc="resampling", unit="trial", leave=False, disable=None) as bar:
+
+        def resampled(comparison: Comparison) -> Resampled:
+            bar.update()
+            return resample(comparison, units, n_resamples)
+
+        return {
+            group: {
+                level: {seed: resampled(one) for seed, one in by_seed.items()}
+                for level, by_seed in levels.items()
+            }
+            for group, levels in compared.items()
+        }
+
+
+def resample(
+    comparison: Comparison, units: NDArray[np.int64] | None, n_resamples: int
+) -> Resampled:
+    """APs of one checkpoint, see ``resample_sweep``."""
+    found = [resample_cell(comparison, cell, units, n_resamples) for cell in CELLS]
+    return Resampled(
+        np.stack([values for values, _ in found]), np.stack([draws for _, draws in found], axis=1)
+    )
+
+
+def resample_cell(
+    comparison: Comparison,
+    cell: tuple[str, str],
+    units: NDArray[np.int64] | None,
+    n_resamples: int,
+) -> tuple[Float, Float]:
+    """APs of one cell: (2,) on the frames as they are, (R, 2) in each resample; of drives as few as they are."""
+    matches = comparison.matches("Car", *cell)
+    n_frames = len(matches.n_gt)
+    n_units = n_frames if units is None else int(units.max()) + 1
+    once = np.ones((1, n_frames), dtype=np.int32)
+    draws = resampled_aps(matches, unit_weights(n_units, n_resamples), units)
+    if units is not None and n_units < n_frames:
+        draws = widened(draws, units)
+    return resampled_aps(matches, once)[0], draws
+
+
+def paired(
+    side: Mapping[int, Resampled], base: Mapping[int, Resampled], cell: int, average: int
+) -> tuple[Sample, Sample]:
+    """AP and gain of one cell, over the seeds that both sides have.
+
+    Args:
+        side: of a level, by seed.
+        base: of the baseline, likewise.
+        cell: place in ``CELLS``.
+        average: place in ``AVERAGES``.
+    """
+
+    def drawn(by_seed: Mapping[int, Resampled]) -> dict[int, tuple[float, Float]]:
+        return {
+            seed: (float(one.values[cell, average]), one.draws[:, cell, average])
+            for seed, one in by_seed.items()
+        }
+
+    return pair_seeds(drawn(side), drawn(base))
+
+
+def pair_seeds(
+    side: Mapping[int, tuple[float, Float]], base: Mapping[int, tuple[float, Float]]
+) -> tuple[Sample, Sample]:
+    """AP and gain over the seeds that both sides have; of each seed a value, and (R,) draws under common weights."""
+    seeds = sorted(set(side) & set(base))
+    values = np.array([side[seed][0] for seed in seeds])
+    draws = np.stack([side[seed][1] for seed in seeds])
+    base_values = np.array([base[seed][0] for seed in seeds])
+    base_draws = np.stack([base[seed][1] for seed in seeds])
+    return _sample(values, draws), _sample(values - base_values, draws - base_draws)
+
+
+def _sample(values: Float, draws: Float) -> Sample:
+    """Of the draws of each seed, (S, R)."""
+    return Sample(values, draws.mean(axis=0), lasting_share(draws))
