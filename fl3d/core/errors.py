@@ -3,6 +3,7 @@
 Fl3dError
 ├── ConfigError        a key, a value or a sweep file
 ├── DataError          a file of a dataset: names file, line and field
+│   └── DataMissing    a file or folder of it is not there
 ├── CheckpointError    a checkpoint that is torn, or of another network
 ├── TrainingError      a stage that cannot continue (loss is not finite)
 ├── StageFailed        a stage of a sweep ended with an error; carries its traceback
@@ -39,6 +40,10 @@ class DataError(Fl3dError):
         super().__init__(f"{where}: {message}")
         self.file = Path(file)
         self.line = line
+
+
+class DataMissing(DataError):
+    """A file or folder of a dataset that is not there; what is there may be whole."""
 
 
 class CheckpointError(Fl3dError):

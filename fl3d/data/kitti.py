@@ -15,12 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fl3d.core.errors import DataError, options
+from fl3d.core.errors import DataError, DataMissing, options
 from fl3d.data.calibration import MEAN, Calibration, read_calibration, read_lines
 from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
 from fl3d.data.labels import Labels, read_labels
 
 IMAGE_SIZE = (1242, 375)  # pixels; where a frame has no picture
+# Frames of the splits that everybody uses: train and val are those of Chen et al., 3D object proposals for accurate
+# object class detection, NIPS 2015; trainval is all that have labels; sample_* are conf/data/kitti_sample.yaml's.
+SPLIT_SIZES = {"train": 3712, "val": 3769, "trainval": 7481, "sample_train": 22, "sample_val": 10}
 _CLOUD_SAMPLE = 4096  # bytes at either end of a cloud that enter the digest
 
 
@@ -72,12 +75,13 @@ class KittiFolder:
         """Frame ids of ``ImageSets/NAME.txt``, in file order.
 
         Raises:
-            DataError: the file is missing (the message lists those present) or a line is no frame id.
+            DataMissing: the file is (the message lists those present).
+            DataError: a line is no frame id.
         """
         path = self.root / "ImageSets" / f"{name}.txt"
         if not path.exists():
             present = [p.stem for p in path.parent.glob("*.txt")]
-            raise DataError(f"no such split. {options(name, present)}", path)
+            raise DataMissing(f"no such split. {options(name, present)}", path)
         ids = []
         for number, line in enumerate(read_lines(path), start=1):
             text = line.strip()
@@ -157,7 +161,7 @@ class KittiFolder:
                 digest.update(f"{len(content)} ".encode() + content)
             cloud = self.path("velodyne", frame_id)
             if not cloud.exists():
-                raise DataError("no such file", cloud)
+                raise DataMissing("no such file", cloud)
             size = cloud.stat().st_size
             digest.update(str(size).encode())
             with cloud.open("rb") as file:
@@ -189,4 +193,4 @@ def _read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except FileNotFoundError:
-        raise DataError("no such file", path) from None
+        raise DataMissing("no such file", path) from None

@@ -232,13 +232,15 @@ def makespan(plan: Plan, seconds: Mapping[str, float], slots: int) -> float:
 
 
 def _state_bytes(config: Config) -> float:
-    """Of a checkpoint's weights and optimiser, found on the meta device by one step of the optimiser."""
-    with torch.device("meta"):
+    """Of a checkpoint's weights and optimiser, found by one step of the optimiser on zeros."""
+    with torch.device("meta"):  # no weights are drawn
         detector: Detector = build_detector(config)
-        optimizer = build_optimizer(config, detector)
-        for parameter in detector.parameters():
-            parameter.grad = torch.zeros_like(parameter)
-        optimizer.step()
+    detector.to_empty(device="cpu")  # where Adam of torch 2.11 can read its count of steps
+    optimizer = build_optimizer(config, detector)
+    for parameter in detector.parameters():
+        parameter.data.zero_()
+        parameter.grad = torch.zeros_like(parameter)
+    optimizer.step()
     moments = [
         v
         for state in optimizer.state.values()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fl3d.config.settings import DataSettings
 from fl3d.core.digests import digest
-from fl3d.core.errors import ConfigError, DataError
+from fl3d.core.errors import ConfigError, DataError, DataMissing
 from fl3d.data.dataset import subset
 from fl3d.data.kitti import KittiFolder
 from fl3d.simulator.generate import Settings, generate, is_whole
@@ -53,7 +53,8 @@ def prepare_data(data: DataSettings) -> PreparedData:
 
     Raises:
         ConfigError: no folder is given, or a simulated set has no size.
-        DataError: the folder is no KITTI folder, or a file is missing or malformed.
+        DataMissing: the folder is no KITTI folder, or a file is not there.
+        DataError: a file is malformed.
     """
     if data.root is None:
         raise ConfigError(
@@ -63,7 +64,7 @@ def prepare_data(data: DataSettings) -> PreparedData:
     if data.generate:
         root = generate(root, _settings(data))
     elif not (root / "training").is_dir():
-        raise DataError("is no KITTI folder: it holds no 'training'", root)
+        raise DataMissing("is no KITTI folder: it holds no 'training'", root)
     folder = KittiFolder(root, data.crop, data.calibration)
     train = subset(folder.split(data.train_split), data.train_frames, data.seed)
     val = subset(folder.split(data.val_split), data.val_frames, data.seed)

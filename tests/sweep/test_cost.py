@@ -78,6 +78,27 @@ def test_flops_and_bytes_by_hand(tmp_path: Path) -> None:
     assert cost.seconds > 0
 
 
+class Counting(torch.optim.SGD):
+    """Keeps a count of steps in a tensor of its own and reads it, as Adam of torch 2.11 does."""
+
+    def step(self, closure: object = None) -> None:  # type: ignore[override]
+        for group in self.param_groups:
+            for parameter in group["params"]:
+                count = self.state[parameter].setdefault("step", torch.tensor(0.0))
+                self.state[parameter]["step"] = torch.tensor(count.item() + 1)
+
+
+def test_an_optimiser_may_read_its_state(tmp_path: Path) -> None:
+    """Weights, and four bytes of each one's count."""
+    target = f"optimizer._target_={Counting.__module__}.Counting"
+    warmup = next(iter(planned(["detector=fcn3d", target]).stages.values()))
+    with torch.device("meta"):
+        detector = build_detector(warmup.config)
+    values = sum(v.numel() * v.element_size() for v in detector.state_dict().values())
+    kept = values + 4 * len(list(detector.parameters()))
+    assert Costs(tmp_path, 300).cost(warmup).weights_bytes == kept * len(checkpoint_epochs(warmup))
+
+
 def test_a_second_network_is_guessed_by_how_slow_the_first_was(tmp_path: Path) -> None:
     """PointRCNN's steps are mostly no layers' work: having seen one stage, the guess knows that."""
     plan = planned(["detector=pointrcnn"])

@@ -1,0 +1,164 @@
+"""What a plan costs, held against what is on disk: stages, time, FLOPs and disk."""
+
+from __future__ import annotations
+
+from tqdm import tqdm
+
+from fl3d.core.leases import holder_of
+from fl3d.core.records import Stage
+from fl3d.runs.layout import StoreFolder
+from fl3d.runs.retention import kept_epochs
+from fl3d.runs.spec import steps_done
+from fl3d.sweep.cost import Costs, checkpoint_epochs, makespan
+from fl3d.sweep.plan import Plan
+
+
+class Forecast:
+    """A plan held against what is on disk.
+
+    Args:
+        plan: of the sweep.
+        layout: of its store folder.
+        n_val: validation frames.
+        slots: stages at once.
+        keep_every: epochs between checkpoints whose weights are kept; None: see ``retention``.
+        has_keys: whether the data, and so the stages' keys, are known; else nothing is found done.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        layout: StoreFolder,
+        n_val: int,
+        slots: int,
+        keep_every: int | None,
+        has_keys: bool = True,
+    ) -> None:
+        self.plan = plan
+        self.slots = slots
+        self.keep_every = keep_every
+        self.has_keys = has_keys
+        self.layout = layout
+        costs = Costs(layout.stages, n_val)
+        costs.learn()
+        self.costs = {key: costs.cost(stage) for key, stage in plan.stages.items()}
+        self.left = {key: 1 - self._share(stage) for key, stage in plan.stages.items()}
+        self.todo = [key for key in plan.stages if not layout.run(key).is_done]
+
+    def _share(self, stage: Stage) -> float:
+        """Of a stage's steps that are done."""
+        return steps_done(self.layout.run(stage.key), stage) / stage.steps
+
+    def counts(self) -> str:
+        """How many trials and stages there are, and how many of these are done."""
+        n_stages = len(self.plan.stages)
+        n_todo = len(self.todo)
+        stages = f"{len(self.plan.trials)} trials in {n_stages} stages"
+        done = f"; {n_stages - n_todo} done" if self.has_keys else ""
+        return f"{stages}{done}, {n_todo} to train"
+
+    def summary(self) -> list[str]:
+        """Lines of epochs, time, FLOPs and disk."""
+        lines = [self._epochs()]
+        if self.todo:
+            lines += [self._time(), self._work(), self._disk()]
+        return lines
+
+    def price(self, group: str, n_seeds: int) -> str:
+        """What is still to be paid until a group has so many seeds: time and disk.
+
+        Args:
+            group: of the plan.
+            n_seeds: at least those of the plan; a further one costs what one of these costs, from its first step on.
+        """
+        trials = [trial for trial in self.plan.trials if trial.group == group]
+        stages = {key for trial in trials for key in trial.stages}
+        planned = len({trial.seed for trial in trials})
+        further = (n_seeds - planned) / planned
+        whole = {key: self.costs[key].seconds for key in stages}
+        todo = stages & set(self.todo)
+        work = sum(whole[key] * self.left[key] for key in todo) + further * sum(whole.values())
+        kept = sum(self._kept_bytes(key) for key in todo)
+        kept += further * sum(self._kept_bytes(key) for key in stages)
+        longest = max(sum(whole[key] for key in trial.stages) for trial in trials)
+        seconds = max(work / self.slots, longest if further else 0.0)
+        return f"{_span(seconds)} on {self.slots} at once, {_bytes(kept)} kept"
+
+    def _epochs(self) -> str:
+        todo = sum(self.plan.stages[key].epochs for key in self.todo)
+        shared = f"{self.plan.epochs} of {self.plan.plain_epochs} without shared beginnings"
+        return f"  epochs  {shared}{_by_detector(self.plan)}; {todo} to train"
+
+    def _time(self) -> str:
+        seconds = {key: self.costs[key].seconds * self.left[key] for key in self.todo}
+        until = _span(makespan(self.plan, seconds, self.slots))
+        work = _span(sum(seconds.values()))
+        if all(self.costs[key].is_measured for key in self.todo):
+            source = "from stages measured here"
+        else:
+            source = (
+                "guessed from the layers' dense FLOPs, too short where other work counts, "
+                "until a stage is measured"
+            )
+        return f"  time    {until} on {self.slots} at once, {work} of work ({source})"
+
+    def _work(self) -> str:
+        flops = sum(self.costs[key].flops * self.left[key] for key in self.todo)
+        return f"  FLOPs   {flops:.2g} by dense layers, forward and backward"
+
+    def _disk(self) -> str:
+        written = sum(self.costs[key].bytes for key in self.todo)
+        kept = sum(self._kept_bytes(key) for key in self.todo)
+        return f"  disk    {_bytes(kept)} kept of {_bytes(written)} written"
+
+    def _kept_bytes(self, key: str) -> float:
+        """What is left of a stage after the retention rule; of detections all."""
+        cost = self.costs[key]
+        epochs = checkpoint_epochs(self.plan.stages[key])
+        kept = len(kept_epochs(epochs, [], [self.keep_every])) + 1  # and the best, wherever it is
+        return cost.weights_bytes * min(1.0, kept / len(epochs)) + cost.detection_bytes
+
+    def note(self, stage: Stage) -> str:
+        """What is known of a stage."""
+        key = f"  [{stage.key}]" if self.has_keys else ""
+        return f"{stage.epochs} epochs, {stage.steps} steps, {self._state(stage)}{key}"
+
+    def _state(self, stage: Stage) -> str:
+        folder = self.layout.run(stage.key)
+        if folder.is_done:
+            return "done"
+        left = self.left[stage.key]
+        holder = holder_of(folder.lease)
+        if holder is not None:
+            return f"in training by {holder}, {1 - left:.0%}"
+        begun = f"{1 - left:.0%} done, " if left < 1 else ""
+        return f"{begun}{_span(self.costs[stage.key].seconds * left)} to train"
+
+
+def _span(seconds: float) -> str:
+    """A time as people say it: ``1:05:00``, and from three days on ``12 days``."""
+    days = seconds / 86400
+    return f"{days:.0f} days" if days >= 3 else str(tqdm.format_interval(seconds))
+
+
+def _by_detector(plan: Plan) -> str:
+    """Epochs of each detector, where there are several."""
+    shared: dict[str, int] = {}
+    for stage in plan.stages.values():
+        shared[_detector(stage)] = shared.get(_detector(stage), 0) + stage.epochs
+    plain = dict.fromkeys(shared, 0)
+    for trial in plan.trials:
+        for key in trial.stages:
+            plain[_detector(plan.stages[key])] += plan.stages[key].epochs
+    if len(shared) < 2:
+        return ""
+    return f" ({', '.join(f'{name} {shared[name]} of {plain[name]}' for name in sorted(shared))})"
+
+
+def _detector(stage: Stage) -> str:
+    """Name of its class."""
+    return str(stage.config["detector"]["_target_"]).rpartition(".")[2]
+
+
+def _bytes(count: float) -> str:
+    return str(tqdm.format_sizeof(count, "B", 1000))

@@ -1,0 +1,157 @@
+"""What is known of a sweep's gains before they are measured: from trials of it that are done, or given by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fl3d.analysis.samples import AVERAGES, resample_cell
+from fl3d.config.settings import Settings
+from fl3d.core.errors import ConfigError, DataError, StoreError
+from fl3d.evaluation.intervals import ALPHA, frames_alpha
+from fl3d.runs.finished import FinishedSweep, FinishedTrial, open_sweep
+from fl3d.runs.units import Units, units_of
+from fl3d.sweep.winners import PUBLISHED
+
+Draws = dict[tuple[str, int], NDArray[np.float64]]
+
+RESAMPLES = 1000  # half widths need no more; marks do, see evaluation.bootstrap
+SEEDS = 3  # whose detections are looked at, for a plan must be quick
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """What is known of the gains of a group.
+
+    Args:
+        spread: standard deviation of a gain between seeds, AP.
+        frames: half of a gain's interval over frames, AP; 0: not known.
+        source: of both, for a reader.
+    """
+
+    spread: float
+    frames: float
+    source: str
+
+
+def find_pilots(
+    settings: Settings, groups: Iterable[str], spread: float | None = None
+) -> Mapping[str, Pilot]:
+    """What is known of the gains of some groups; those of which nothing is known are left out.
+
+    Args:
+        settings: of the sweep.
+        groups: of its plan.
+        spread: given by hand, for all of them; None: as trials tell it that are done.
+    """
+    try:
+        sweep = open_sweep(settings, published=PUBLISHED)
+        baseline = sweep.baseline
+    except (StoreError, ConfigError):  # never run here, or without this baseline
+        return {} if spread is None else {one: with_frames(by_hand(spread), 0.0) for one in groups}
+    found = {}
+    for group in groups:
+        gains = gains_by_seed(sweep, group, baseline)
+        pilot = pilot_of(gains) if spread is None else by_hand(spread)
+        if pilot is not None:
+            found[group] = with_frames(pilot, frames_half(sweep, group))
+    return found
+
+
+def by_hand(spread: float) -> Pilot:
+    """A pilot whose spread a user gives."""
+    return Pilot(spread, 0.0, f"spread between seeds {spread:g} AP, as given")
+
+
+def with_frames(pilot: Pilot, frames: float) -> Pilot:
+    """The same, and what is known of the frames."""
+    told = f"interval over frames ±{frames:.2g}" if frames else "frames not counted"
+    return replace(pilot, frames=frames, source=f"{pilot.source}; {told}")
+
+
+def gains_by_seed(sweep: FinishedSweep, group: str, baseline: str) -> pd.DataFrame:
+    """Gains of a group's levels by the primary metric of last checkpoints: a row a seed, a column a level.
+
+    Empty where the group has no baseline.
+    """
+    last = sweep.select("last")
+    own = last[last["group"] == group]
+    aps = own.pivot(index="seed", columns="level", values=f"ap_{sweep.settings.sweep.primary}")
+    if baseline not in aps:
+        return pd.DataFrame()
+    return aps.sub(aps[baseline], axis=0).drop(columns=baseline)
+
+
+def pilot_of(gains: pd.DataFrame) -> Pilot | None:
+    """The levels' spreads as one: the root of their mean square, by degrees of freedom.
+
+    Args:
+        gains: see ``gains_by_seed``.
+
+    Returns:
+        None where no level has two seeds.
+    """
+    free = gains.count() - 1
+    spreads = gains.std(ddof=1)[free > 0]
+    free = free[free > 0]
+    if free.empty:
+        return None
+    spread = float(np.sqrt((free * spreads**2).sum() / free.sum()))
+    counts = sorted({int(count) + 1 for count in free})
+    seeds = f"{counts[0]} seeds" if len(counts) == 1 else f"{counts[0]} to {counts[-1]} seeds"
+    levels = "one level" if len(spreads) == 1 else f"{len(spreads)} levels"
+    among = "" if len(spreads) == 1 else f", {spreads.min():.2g} to {spreads.max():.2g}"
+    source = f"spread between seeds {spread:.2g} AP, of {levels} with {seeds}{among}"
+    return Pilot(spread, 0.0, source)
+
+
+def frames_half(sweep: FinishedSweep, group: str) -> float:
+    """Half of the interval over frames of a gain's mean over at most three seeds, of the primary metric.
+
+    Root mean square of the levels', which hold all at once; from few resamples, for it must be quick. 0 where nothing
+    is known of it: detections are not at hand.
+    """
+    if not sweep.is_from_store:
+        return 0.0
+    steps = sweep.steps("last")
+    seeds = sorted({trial.seed for trial in sweep.trials if trial.group == group})[:SEEDS]
+    try:
+        units = units_of(sweep)
+        draws = {
+            (trial.level, trial.seed): _draws(sweep, trial, steps[trial.key], units)
+            for trial in sweep.trials
+            if trial.group == group and trial.seed in seeds
+        }
+    except (DataError, StoreError):
+        return 0.0
+    means = _mean_gains(draws, sweep.baseline)
+    if not means:
+        return 0.0
+    columns = np.stack(means, axis=1)
+    tail = 50 * frames_alpha(columns, ALPHA)
+    low, high = np.percentile(columns, [tail, 100 - tail], axis=0)
+    return float(np.sqrt(np.mean(((high - low) / 2) ** 2)))
+
+
+def _draws(
+    sweep: FinishedSweep, trial: FinishedTrial, step: int, units: Units
+) -> NDArray[np.float64]:
+    """(R,) the primary metric of a checkpoint in resamples of the frames."""
+    asked = sweep.settings.sweep
+    metric, difficulty = asked.metric.split("/")
+    comparison = sweep.comparison(trial, step)
+    _, draws = resample_cell(comparison, (metric, difficulty), units.of_frames, RESAMPLES)
+    return draws[:, AVERAGES.index(asked.average)]
+
+
+def _mean_gains(draws: Draws, baseline: str) -> list[NDArray[np.float64]]:
+    """(R,) of each level: the mean gain over the seeds that it shares with the baseline."""
+    by_level: dict[str, list[NDArray[np.float64]]] = {}
+    for (level, seed), own in draws.items():
+        if level != baseline and (baseline, seed) in draws:
+            by_level.setdefault(level, []).append(own - draws[baseline, seed])
+    return [np.mean(gains, axis=0) for gains in by_level.values()]
