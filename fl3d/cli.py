@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import ConfigError, Fl3dError, options
 
 # One thread a process: two processes of one thread are faster than one of two. The libraries read
@@ -33,6 +34,9 @@ COMMANDS = (
     "publish",
 )
 TRAIN = "train"  # what runs where no command is named
+# Hydra's options.
+MULTIRUN = {"-m", "--multirun"}
+LOOKS = {"--help", "-h", "--hydra-help", "--cfg", "-c", "--info", "-i"}  # nothing is trained
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -44,6 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     typed = list(sys.argv[1:] if arguments is None else arguments)
     try:
         name, rest = _split(typed)
+        rest = _with_seeds(name, rest)
         importlib.import_module(f"fl3d.commands.{name}").run(rest)
     except Fl3dError as error:
         sys.exit(f"fl3d: {error}")
@@ -68,3 +73,22 @@ def _split(typed: list[str]) -> tuple[str, list[str]]:
             f"'{first}' is neither KEY=VALUE nor a command. {options(first, COMMANDS)}"
         )
     return TRAIN, typed
+
+
+def _with_seeds(name: str, rest: list[str]) -> list[str]:
+    """The arguments with ``seeds=5`` spelled out, for whatever command.
+
+    Raises:
+        ConfigError: seeds that cannot be told, or of a single trial.
+    """
+    spelled = spell_out_seeds(rest)
+    if name != TRAIN or spelled == rest:
+        return spelled
+    if LOOKS & set(rest):  # at the config of one trial
+        return [word for word in rest if word in spelled]
+    if not MULTIRUN & set(rest):
+        raise ConfigError(
+            "seeds=... trains a trial for each seed, which is a sweep: python -m fl3d -m ...; "
+            "a single trial has one, such as seed=3"
+        )
+    return spelled

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from fl3d.analysis.found import sweep_verdicts
 from fl3d.commands.words import PUBLISHED
 from fl3d.config.compose import CONF, MAIN, check_overrides
 from fl3d.config.objects import build
@@ -16,12 +17,17 @@ from fl3d.core.records import Config
 from fl3d.papers.registry import tables_named
 from fl3d.papers.results import write_sweep
 from fl3d.papers.stored import feeding
-from fl3d.runs.finished import open_sweep
+from fl3d.reports.render import to_markdown
+from fl3d.reports.verdicts import seeds_text, verdict_tables
+from fl3d.runs.finished import FinishedSweep, levels_of, open_sweep
+from fl3d.runs.units import units_of
+from fl3d.store.base import Store
 from fl3d.sweep.launchers.base import Launcher
 from fl3d.sweep.run import Ran, run_sweep
 from fl3d.sweep.setup import Prepared, prepare_sweep
 from fl3d.sweep.sweepers.base import Sweeper
 from fl3d.sweep.sweepers.grid import Listed, point_of
+from fl3d.sweep.verdict_tags import tag_verdicts
 
 # Hydra's own options that are followed by a value.
 HYDRA_VALUES = (
@@ -49,6 +55,8 @@ def run(arguments: list[str]) -> None:
     from hydra.errors import HydraException
     from omegaconf import DictConfig
 
+    if {"-m", "--multirun"} & set(arguments) and {"--cfg", "-c"} & set(arguments):
+        raise ConfigError("--cfg shows the config of one trial: leave -m and swept values out")
     check_overrides(overrides_among(arguments))
     warnings.filterwarnings("ignore", message=".*hydra.*", category=DeprecationWarning)
     ended: list[BaseException] = []
@@ -141,6 +149,20 @@ def refuse_untold_rows(prepared: Prepared) -> None:
         table.refuse_twins(trials)
 
 
+def tell_verdicts(sweep: FinishedSweep, store: Store, say: Callable[[str], None]) -> None:
+    """Print what a sweep has found, and tag its runs with it; nothing of a single level, or without a baseline."""
+    if len(sweep.levels) < 2:
+        return
+    verdicts = sweep_verdicts(sweep)
+    if verdicts.empty:
+        return
+    tag_verdicts(sweep, verdicts, store)
+    margin = sweep.settings.sweep.margin
+    notes = (seeds_text(verdicts), units_of(sweep).note)
+    for table in verdict_tables(verdicts, levels_of(sweep), margin, notes):
+        say("\n" + to_markdown(table))
+
+
 def report(
     prepared: Prepared, ran: Ran, words: Sequence[str], say: Callable[[str], None]
 ) -> list[Path]:
@@ -160,6 +182,8 @@ def report(
     sweep = open_sweep(settings)
     _, written = write_sweep(sweep, feeding(sweep, words, PUBLISHED), say)
     ran.recorder.attach([path for path in written if path.parent.name != "scores"], "results")
+    if prepared.sweeper.looks or not prepared.sweeper.listens:  # a search compares nothing
+        tell_verdicts(sweep, ran.recorder.store, say)
     found = prepared.sweeper.report(ran.standings, settings.results_folder)
     if found:
         say(found)

@@ -36,12 +36,14 @@ def run(arguments: list[str]) -> None:
             f"why: give one metric, such as 3d/moderate, not {' '.join(metrics) or 'none'}"
         )
     pairs = [word for word in given.rest if "=" in word]
-    row = [word for word in pairs if is_short(word)]
+    row = [word for word in pairs if is_short(word) and is_one_value(word)]
     words = [word for word in pairs if word not in row]
     sweep = open_words(read_words(words if names_sweep(words) else ["+sweep=gamma", *words]))
     swept = {key for trial in sweep.plan.trials for key in trial.values}
-    row += [word for word in words if word.partition("=")[0] in swept]  # written out: loss.gamma=2
-    values = {key: label_of(value) for key, (value, *_) in values_by_key(row).items()}
+    row += [  # written out: loss.gamma=2
+        word for word in words if word.partition("=")[0] in swept and is_one_value(word)
+    ]
+    values = {key: label_of(value) for key, (value,) in values_by_key(row).items()}
     explain(sweep, given.table, values, metrics[0])
 
 
@@ -53,6 +55,11 @@ def is_short(word: str) -> bool:
         and not key.startswith(("+", "~"))
         and key not in ("data", "profile", "protocol", "results")
     )
+
+
+def is_one_value(word: str) -> bool:
+    """Whether a word names a single value; several, such as seed=0,1,2, pick trials of the sweep."""
+    return all(len(values) == 1 for values in values_by_key([word]).values())
 
 
 def explain(sweep: FinishedSweep, table: str, row: dict[str, str], metric: str) -> None:

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fl3d.config.compose import CONF, Multirun, is_interval, multirun, values_by_key
+from fl3d.config.objects import locate
 from fl3d.config.settings import Settings, read_settings
+from fl3d.runs.design import SEED
 from fl3d.runs.finished import Asked, FinishedSweep, open_sweep
 
 PUBLISHED = CONF.parent / "results"  # what the project publishes
-HELP = "as the sweep was started, such as +sweep=gamma data=kitti seed=0,1,2"
+HELP = "as the sweep was started, such as +sweep=gamma data=kitti seeds=3"
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,11 @@ def read_words(overrides: Sequence[str]) -> Words:
     listed = [
         word for word in overrides if not is_interval(word)
     ]  # a study's trials are not told by its intervals
-    return Words(composed, read_settings(composed.base), values_by_key(listed))
+    asked = values_by_key(listed)
+    door = locate(composed.sweeper["_target_"], "hydra.sweeper._target_")
+    if getattr(door, "counts_seeds", False) and len(asked.get(SEED, ())) == 1:
+        del asked[SEED]  # says where seeds begin
+    return Words(composed, read_settings(composed.base), asked)
 
 
 def open_words(words: Words) -> FinishedSweep:

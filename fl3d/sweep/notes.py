@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from fl3d.config.settings import Settings
 from fl3d.runs.layout import StoreFolder
 from fl3d.sweep.plan import Plan
 
 
-def note(settings: Settings) -> str:
-    """What the store shows above a sweep's runs, as Markdown."""
+def note(settings: Settings, findings: Sequence[str] = ()) -> str:
+    """What the store shows above a sweep's runs, as Markdown.
+
+    Args:
+        settings: of the sweep.
+        findings: what it has found so far, a sentence each.
+    """
     words = (
         f"+sweep={settings.sweep.name}"
         if settings.sweep.question
         else f"sweep.name={settings.sweep.name}"
     )
     place = f"data={settings.data.name} profile={settings.profile}"
+    found = "".join(f"- {line}\n" for line in findings) + ("\n" if findings else "")
     return (
-        f"**{settings.sweep.question or 'Trials started by hand.'}**\n\n"
+        f"**{settings.sweep.question or 'Trials started by hand.'}**\n\n{found}"
         f"Tables: `python -m fl3d tables {words} {place}`; gains with intervals: `python -m fl3d gains` with the same "
         f"words. One run is one trial; `ap_3d/moderate` over steps is its curve; the models *last* and *best* are what "
-        f"tables show. Protocol {settings.protocol.id}."
+        f"tables show; the tag *verdict* is its level's. Protocol {settings.protocol.id}."
     )
 
 

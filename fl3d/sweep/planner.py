@@ -44,6 +44,7 @@ class Planner:
         swept: keys in which its trials differ.
         data: identity and size of the data.
         grows: whether trials are proposed while others run: then the baseline may come later.
+        looks: see ``sweepers.base.Sweeper``.
     """
 
     def __init__(
@@ -53,7 +54,9 @@ class Planner:
         swept: Iterable[str],
         data: DataInfo,
         grows: bool = False,
+        looks: tuple[int, ...] = (),
     ) -> None:
+        self.looks = looks
         self.grows = grows
         self.base = base
         self.settings = settings
@@ -116,6 +119,7 @@ class Planner:
             baseline=baseline_level(levels, self.design.factor, asked),
             trials=trials,
             earlier=tuple(set(earlier) - set(plan.stages)),
+            looks=self.looks,
         )
 
     def _lay_out(self, point: Point) -> tuple[Trial, list[Stage]]:

@@ -15,6 +15,7 @@ from fl3d.runs.retention import Tidy
 from fl3d.store.base import Store
 from fl3d.store.opening import open_store
 from fl3d.sweep.cost import Costs
+from fl3d.sweep.evidence import Disk
 from fl3d.sweep.launchers.base import Launcher
 from fl3d.sweep.notes import announcement
 from fl3d.sweep.plan import Plan
@@ -85,6 +86,7 @@ def run_sweep(
         say(announcement(settings, prepared.plan, layout, launcher.slots))
         with Progress(settings.experiment, layout, costs, launcher.slots) as progress:
             recorder = Recorder(store, scores, subject(prepared, store, scores), progress.say)
+            prepared.sweeper.consult(Disk(prepared, costs, progress.say))
             try:
                 return _loop(prepared, scheduler, recorder, scores, progress, lease)
             except BaseException:

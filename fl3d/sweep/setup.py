@@ -35,6 +35,7 @@ class Prepared:
         data: where the frames lie.
         planner: lays out what the sweeper proposes.
         plan: of the trials that are known beforehand.
+        looks_before: of the plan that an earlier start has left, see ``runs.plans.FrozenPlan``.
     """
 
     sweeper: Sweeper
@@ -42,6 +43,7 @@ class Prepared:
     data: PreparedData
     planner: Planner
     plan: Plan
+    looks_before: tuple[int, ...]
 
     @property
     def layout(self) -> StoreFolder:
@@ -66,11 +68,27 @@ def prepare_sweep(sweeper: Sweeper) -> Prepared:
     settings = read_settings(sweeper.base)
     data = prepare_data(settings.data)
     info = DataInfo(data.digest, len(data.train_ids), data.image_digest)
-    planner = Planner(sweeper.base, settings, sweeper.swept, info, grows=sweeper.listens)
+    planner = Planner(
+        sweeper.base, settings, sweeper.swept, info, grows=sweeper.listens, looks=sweeper.looks
+    )
     plan = planner.plan(sweeper.first())
     if plan.trials:
         planner.frozen(plan)  # a baseline that is no level is refused now
-    return Prepared(sweeper=sweeper, settings=settings, data=data, planner=planner, plan=plan)
+    return Prepared(
+        sweeper=sweeper,
+        settings=settings,
+        data=data,
+        planner=planner,
+        plan=plan,
+        looks_before=_looks_before(settings),
+    )
+
+
+def _looks_before(settings: Settings) -> tuple[int, ...]:
+    try:
+        return read_plan(StoreFolder(settings.store.root).plan(settings.experiment)).looks
+    except StoreError:  # the first start, or one of another version
+        return ()
 
 
 def scoreboard(prepared: Prepared) -> Scoreboard:

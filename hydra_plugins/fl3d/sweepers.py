@@ -1,4 +1,4 @@
-"""`hydra/sweeper=grid` and `hydra/sweeper=optuna`: doorways from Hydra to fl3d's planner.
+"""`hydra/sweeper=grid`, `optuna` and `until_decided`: doorways from Hydra to fl3d's planner.
 
 Hydra runs this file at every start: what is heavy is imported where it is used.
 """
@@ -12,7 +12,13 @@ from omegaconf import DictConfig, OmegaConf
 
 
 class Doorway(Sweeper):
-    """Hands a multirun to ``fl3d.commands.train``; the sweepers behind it know nothing of Hydra's classes."""
+    """Hands a multirun to ``fl3d.commands.train``; the sweepers behind it know nothing of Hydra's classes.
+
+    Attributes:
+        counts_seeds: whether a word such as ``seed=5`` says where it begins, and picks no trials of the sweep.
+    """
+
+    counts_seeds = False
 
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
@@ -54,6 +60,22 @@ class GridSweeper(Doorway):
         from fl3d.sweep.sweepers.grid import grid
 
         return grid(self.params, arguments, compose)
+
+
+class UntilDecidedSweeper(Doorway):
+    """Seeds in rounds, see ``fl3d.sweep.sweepers.rounds.Rounds`` for the arguments."""
+
+    counts_seeds = True
+
+    def __init__(self, params: dict[str, Any], **settings: Any) -> None:
+        self.params = params
+        self.settings = settings
+
+    def proposer(self, arguments: list[str], compose: Any) -> Any:
+        """The grid, in rounds."""
+        from fl3d.sweep.sweepers.until_decided import until_decided
+
+        return until_decided(self.params, arguments, compose, self.settings)
 
 
 class OptunaSweeper(Doorway):

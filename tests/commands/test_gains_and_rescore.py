@@ -61,14 +61,21 @@ def test_gains_are_told_by_level_and_what_has_none_is_named(
 ) -> None:
     gains.run(words)
     said = capsys.readouterr().out
-    assert "VoxelNet, 3d moderate, R40, last models, 95 % intervals." in said
-    assert "| loss | seeds | AP | gain over loss = original |" in said
+    assert "Verdicts on VoxelNet, 3d_r40/moderate, last models." in said
+    assert "| loss | seeds | AP | gain over loss = original | verdict |" in said
     rows = [line for line in said.splitlines() if line.startswith(("| original |", "| enhanced |"))]
     assert [row.split(" | ")[1] for row in rows] == ["2", "1"]
-    assert "| baseline |" in rows[0]
+    assert rows[0].endswith("| baseline |")
+    assert rows[1].endswith("| frames only, not training |")
+    assert "VoxelNet enhanced: seed 1 left out, not done." in said
     assert "3D-FCN: no gains, for no trial of the baseline original is done." in said
-    assert "over frames and seeds of training" in said
+    assert "Intervals over frames and 1 / 2 seeds of training." in said
+    assert "4 frames, taken as independent" in said
     folder = stored.settings.results_folder / "tables"
+    verdicts = pd.read_csv(folder / "verdicts_mine_paper.csv", keep_default_na=False)
+    assert verdicts["verdict"].tolist() == ["baseline", "none"]
+    for ending in ("csv", "png", "pdf"):
+        assert (folder.parent / "figures" / f"forest_mine.{ending}").exists()
     table = pd.read_csv(folder / "gains_mine_paper.csv")
     assert set(zip(table["group"], table["level"], strict=True)) == {
         ("VoxelNet", loss) for loss in LOSSES
@@ -86,11 +93,21 @@ def test_gains_of_some_trials_alone_are_asked_for_by_their_values(
     assert "| enhanced | 1 |" in said
     assert "| original | 1 |" in said
     assert "3D-FCN" not in said
-    assert "over frames alone, not over training" in said
+    assert "Intervals over frames only, not training: one seed says nothing about another." in said
     with pytest.raises(
         StoreError, match=r"seed=7: .* has no finished trial with it\. Possible: 0, 1"
     ):
         gains.run([*some, "seed=7"])
+
+
+def test_gains_of_another_metric_are_told_beside_the_verdicts(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    gains.run([*words, "--metric", "bev/easy", "--average", "R11"])
+    said = capsys.readouterr().out
+    assert "Verdicts on VoxelNet, 3d_r40/moderate, last models." in said
+    assert "VoxelNet, bev easy, R11, last models, 95 % intervals" in said
+    assert "| loss | seeds | AP | gain over loss = original |  |" in said
 
 
 def test_rescored_aps_are_told_by_level(
@@ -127,6 +144,7 @@ def test_tables_of_no_paper_come_with_intervals(
         "table_mine-3d-fcn.md",
         "table_mine-voxelnet.md",
         "table_mine-voxelnet_intervals.md",
+        "table_mine_verdicts-voxelnet.md",
     }
 
 

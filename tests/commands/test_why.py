@@ -4,10 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from fl3d.commands.why import is_short, run
+from fl3d.commands.why import is_one_value, is_short, run
+from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import ConfigError
 from fl3d.runs.finished import FinishedSweep, open_sweep
 from fl3d.store.opening import open_store
+from tests.analysis.making import detected_sweep
+from tests.papers.making import store_scores
 from tests.support import SMALL, run_small, small_sweep
 
 POINTS = [["detector=voxelnet", f"loss.gamma={gamma}"] for gamma in (0, 2)]
@@ -115,3 +118,25 @@ def test_words_that_pick_a_row_are_told_from_those_that_pick_a_sweep() -> None:
         "~loss",
     ]
     assert [word for word in words if is_short(word)] == ["gamma=2", "seed=1", "detector=voxelnet"]
+
+
+def test_several_values_pick_trials_of_the_sweep_and_no_row() -> None:
+    words = ["seed=0,1,2", "seed=range(0,3)", "seed=1", "loss.gamma=2", "detector=a,b", "~loss"]
+    assert [word for word in words if is_one_value(word)] == ["seed=1", "loss.gamma=2", "~loss"]
+
+
+def test_why_of_a_number_of_seeds_is_of_their_mean(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points = [["detector=voxelnet", f"seed={seed}"] for seed in (0, 1, 2)]
+    sweep = detected_sweep(
+        simulated, tmp_path, points, lambda trial: 2.0 * (trial.seed % 2), "sweep.name=mine"
+    )
+    store_scores(sweep)
+    settings = sweep.settings
+    own = [f"data.root={simulated}", f"store.root={settings.store.root}", "sweep.name=mine"]
+    run(["last", "3d_r40/moderate", *SMALL, *own, *spell_out_seeds(["seeds=2"])])
+    values = sweep.select("last").set_index("seed")["ap_3d_r40/moderate"]
+    assert values[0] != values[1]
+    mean = (values[0] + values[1]) / 2
+    assert f"3d_r40/moderate: {mean:.2f}, mean of 2 seeds\n" in capsys.readouterr().out

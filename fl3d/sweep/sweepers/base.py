@@ -9,6 +9,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from fl3d.core.records import Config, Trial
 
 Compose = Callable[[Sequence[str]], Config]
@@ -69,20 +71,74 @@ class Advice:
     stop: Sequence[str] = field(default_factory=tuple)
 
 
+@dataclass(frozen=True)
+class Work:
+    """What a sweep has cost, and what some more trials would.
+
+    Args:
+        done: seconds of training, detection and scoring in all stages of the sweep and of these trials, by whichever
+            start, or other sweep.
+        left: seconds of the same that are predicted until the trials are done.
+        wait: seconds until then on the slots that there are.
+    """
+
+    done: float
+    left: float
+    wait: float
+
+
+class Evidence(ABC):
+    """What a sweeper may look up of a sweep that runs.
+
+    Attributes:
+        factor: keys that are compared.
+        margin: of the verdicts, AP.
+        looks_before: numbers of seeds after which an earlier start of the sweep asked for verdicts; empty: none did.
+    """
+
+    factor: tuple[str, ...]
+    margin: float
+    looks_before: tuple[int, ...]
+
+    @abstractmethod
+    def verdicts(self, standings: Mapping[str, Standing]) -> pd.DataFrame:
+        """The verdicts that ``gains`` would print now: rows of ``analysis.verdicts.verdicts``.
+
+        Args:
+            standings: of the sweep's trials; those that are done are looked at. Where none has a gain there is no row.
+        """
+
+    @abstractmethod
+    def work(self, standings: Mapping[str, Standing], points: Sequence[Point], slots: int) -> Work:
+        """What the sweep has cost so far, and what some more points would.
+
+        Args:
+            standings: of the sweep's trials.
+            points: that might be added.
+            slots: stages that run at once.
+        """
+
+    @abstractmethod
+    def say(self, text: str) -> None:
+        """Print a line for the user."""
+
+
 class Sweeper(ABC):
     """Proposes the trials of a sweep.
 
     Attributes:
         base: a config of the sweep: what all its trials share.
         swept: keys in which its trials differ, in order.
-        listens: whether ``advise`` wants to hear how trials stand.
+        listens: whether ``advise`` wants to hear how trials learn, and adds levels while they do.
         n_trials: how many it may propose in all.
+        looks: numbers of seeds after which it asks for verdicts; empty: it does not.
     """
 
     base: Config
     swept: tuple[str, ...] = ()
     listens: bool = False
     n_trials: int
+    looks: tuple[int, ...] = ()
 
     @abstractmethod
     def first(self) -> Sequence[Point]:
@@ -94,6 +150,17 @@ class Sweeper(ABC):
         Args:
             identify: the key of a point's trial; equal for points that are one trial.
         """
+
+    def consult(self, evidence: Evidence) -> None:  # noqa: B027
+        """Be given what may be looked up while the sweep runs; once, before the first ``advise``.
+
+        Args:
+            evidence: reads what trials have left on disk.
+        """
+
+    def outlook(self) -> str:
+        """What will follow the first trials, as a sentence; empty: nothing."""
+        return ""
 
     def advise(self, standings: Mapping[str, Standing], slots: int) -> Advice:
         """Hear how all trials stand, and say what to do.

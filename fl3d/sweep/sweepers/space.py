@@ -23,6 +23,7 @@ from optuna.distributions import (
 from optuna.trial import FrozenTrial
 
 from fl3d.core.errors import ConfigError
+from fl3d.runs.design import SEED
 
 GRAMMAR = (
     "interval(0,5), tag(log,interval(0.01,1)), int(interval(1,8)), range(0,10,2), "
@@ -66,12 +67,22 @@ def parse_space(params: Mapping[str, object], arguments: Sequence[str]) -> Space
     axes: dict[str, BaseDistribution] = {}
     for override in [*(o for o in filed if o.key_or_group not in named), *given]:
         if override.is_sweep_override():
+            _refuse_counted_seeds(override)
             axes[override.get_key_element()] = _distribution(override)
         elif override.input_line is not None:
             fixed.append(override.input_line)
     if not axes:
         raise ConfigError(f"hydra.sweeper.params: nothing to search. Give KEY: {GRAMMAR}")
     return Space(tuple(fixed), axes)
+
+
+def _refuse_counted_seeds(override: Override) -> None:
+    """Seeds have no order, and ``seeds=3`` would mean all three of each trial."""
+    if override.key_or_group == SEED and not override.is_choice_sweep():
+        raise ConfigError(
+            "seeds=N: a study trains each of its trials under one seed, not under N; for a seed drawn with the other "
+            "values give 'seed=choice(0,1,2)', and to compare levels over seeds run a grid"
+        )
 
 
 def _distribution(override: Override) -> BaseDistribution:

@@ -1,0 +1,54 @@
+"""Verdicts in the store: a tag of every run, and sentences above the runs."""
+
+from pathlib import Path
+
+import pytest
+
+from fl3d.analysis.found import sweep_verdicts
+from fl3d.runs.finished import FinishedSweep
+from fl3d.store.base import Scored
+from fl3d.store.memory import MemoryRun, MemoryStore
+from fl3d.sweep.verdict_tags import tag_verdicts
+from tests.analysis.making import detected_sweep
+
+FAR = 2.0  # metres: no box is found
+
+
+def stored(sweep: FinishedSweep, root: Path) -> MemoryStore:
+    """A store that holds a run of every trial."""
+    store = MemoryStore(root)
+    experiment = store.experiment(sweep.settings.experiment, "")
+    for trial in sweep.trials:
+        run = store.run(experiment, trial.key, sweep.protocol.id, trial.key, {}, {})
+        store.log(run, Scored(trial.last_step, 0, {"epoch": 1.0}))
+    return store
+
+
+def tagged(store: MemoryStore) -> dict[tuple[str, str], MemoryRun]:
+    return {(run.trial, run.protocol): run for run in store.runs.values()}
+
+
+@pytest.mark.parametrize(("seeds", "word"), [((0, 1, 2), "worse"), ((0,), "none")])
+def test_every_run_is_tagged_with_its_levels_verdict(
+    seeds: tuple[int, ...], word: str, simulated: Path, tmp_path: Path
+) -> None:
+    points = [[f"loss.gamma={gamma}", f"seed={seed}"] for gamma in (0, 2) for seed in seeds]
+    noise = {"0": 0.0, "2": FAR}
+    sweep = detected_sweep(
+        simulated, tmp_path, points, lambda trial: noise[trial.level], "detector=voxelnet"
+    )
+    store = stored(sweep, tmp_path)
+    verdicts = sweep_verdicts(sweep, n_resamples=50)
+    verdicts.loc[verdicts["level"] == "2", "verdict"] = word  # four frames would not tell
+    tag_verdicts(sweep, verdicts, store)
+    runs = tagged(store)
+    for trial in sweep.trials:
+        tags = runs[trial.key, sweep.protocol.id].tags
+        assert tags["verdict"] == ("baseline" if trial.level == "0" else word)
+        assert tags["verdict.seeds"] == str(len(seeds))
+        assert tags["verdict.metric"] == "3d_r40/moderate"
+        assert tags["gain"].startswith("" if trial.level == "0" else "-")
+    note = store.notes[sweep.settings.experiment]
+    assert "γ = 2: -" in note
+    assert ("worse" if len(seeds) > 1 else "frames only, not training") in note
+    assert "python -m fl3d gains" in note  # what stood there before stays
