@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from fl3d.commands.publish import SWEEPS, stamped
+from fl3d.commands.publish import SWEEPS, stamped, words_of
 from fl3d.commands.words import PUBLISHED, read_words
 from fl3d.config.compose import CONF
 from fl3d.config.objects import build
@@ -29,7 +29,8 @@ def test_published_trials_are_those_that_the_code_plans_today(file: Path, tmp_pa
     stamp = stamped(folder)
     data, _, profile = folder.name.rpartition("-")
     assert stamp["versions"]["simulator"] == VERSION
-    words = [f"+sweep={file.stem}", f"data={data}", f"profile={profile}", f"store.root={tmp_path}"]
+    place = [f"data={data}", f"profile={profile}", f"store.root={tmp_path}"]
+    words = words_of(file.stem, place)
     multirun = with_winners(read_words(words).multirun, lambda line: None)
     sweeper = build(multirun.sweeper, "hydra.sweeper").proposer(
         multirun.arguments, multirun.compose

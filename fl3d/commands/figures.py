@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from fl3d.analysis.gains import compare_sweep
+from fl3d.analysis.samples import compare_sweep
 from fl3d.commands.words import HELP, names_sweep, open_words, parser, read_words
-from fl3d.papers.results import draw_curves, draw_papers
+from fl3d.papers.results import draw_curves, draw_papers, draw_verdicts, judge_or_say
 
 
 def run(arguments: list[str]) -> None:
@@ -18,6 +18,9 @@ def run(arguments: list[str]) -> None:
     arguments_of.add_argument("overrides", nargs="*", help=HELP)
     words = arguments_of.parse_intermixed_args(arguments).overrides
     sweep = open_words(read_words(words if names_sweep(words) else [*words, "+sweep=gamma"]))
-    written = draw_curves(sweep, compare_sweep(sweep)) + draw_papers(sweep)
+    judged = judge_or_say(sweep, print)
+    compared = compare_sweep(sweep) if judged is None else judged.compared
+    written = [] if judged is None else draw_verdicts(sweep, judged)
+    written += draw_curves(sweep, compared) + draw_papers(sweep)
     folder = sweep.settings.results_folder / "figures"
     print(f"Written to {folder}: " + ", ".join(path.name for path in written))

@@ -1,52 +1,56 @@
-"""``gains``: how sure a sweep's gains over its baseline are."""
+"""``gains``: what a sweep has found, and how sure it is."""
 
 from __future__ import annotations
 
-from fl3d.analysis.gains import AVERAGES, compare_sweep, gains, recalls, without_baseline
+from fl3d.analysis.found import judge_sweep
+from fl3d.analysis.gains import recalls, without_baseline
+from fl3d.analysis.samples import AVERAGES, CELLS
 from fl3d.commands.words import HELP, open_words, parser, read_words
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.files import write_text
-from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
-from fl3d.papers.results import levels_of
+from fl3d.papers.judged_views import tables_of_verdicts
+from fl3d.reports.figures.forest import forest
 from fl3d.reports.levels import gains_tables
 from fl3d.reports.render import to_markdown
+from fl3d.runs.finished import levels_of
 
 
 def run(arguments: list[str]) -> None:
-    """Say how sure a sweep's gains over its baseline are: intervals over frames and seeds, from stored detections.
+    """Say what a sweep has found: each level better or worse than the baseline, equivalent to it, or undecided.
 
     What is compared is the sweep's factor (sweep.factor: by default what was swept, detector and seed apart); the
-    baseline is its first level, or the one that sweep.baseline names.
+    baseline is its first level, or the one that sweep.baseline names. The verdict is about sweep.primary, and gains
+    below sweep.margin do not matter. It needs three seeds of training: seeds=3.
     """
     arguments_of = parser("gains", run.__doc__)
     arguments_of.add_argument("overrides", nargs="+", help=HELP)
     arguments_of.add_argument(
-        "--metric", help="of the printed table, such as 3d/moderate (default: of sweep.primary)"
+        "--metric", help="gains of another metric too, such as bev/easy; without verdicts"
     )
     arguments_of.add_argument(
-        "--average", choices=AVERAGES, help="of the printed table (default: of sweep.primary)"
+        "--average", choices=AVERAGES, default="R40", help="of these (default: R40)"
     )
     given = arguments_of.parse_intermixed_args(arguments)
-    possible = [f"{view}/{level}" for view in METRICS for level in DIFFICULTIES]
+    possible = ["/".join(cell) for cell in CELLS]
     if given.metric is not None and given.metric not in possible:
         raise ConfigError(f"--metric {given.metric}: {options(given.metric, possible)}")
     sweep = open_words(read_words(given.overrides))
-    compared = compare_sweep(sweep)
-    table = gains(compared, sweep.baseline)
-    metric = given.metric or sweep.settings.sweep.metric
-    average = given.average or sweep.settings.sweep.average
-    for printed in gains_tables(table, levels_of(sweep), metric, average):
-        print(to_markdown(printed))
-    for group in without_baseline(compared, sweep.baseline):
+    levels = levels_of(sweep)
+    judged = judge_sweep(sweep)
+    for table in tables_of_verdicts(judged, levels):
+        print(to_markdown(table))
+    if given.metric is not None:
+        for table in gains_tables(judged.gains, levels, given.metric, given.average):
+            print(to_markdown(table))
+    for group in without_baseline(judged.compared, sweep.baseline):
         print(f"{group}: no gains, for no trial of the baseline {sweep.baseline} is done.")
-    over = (
-        "frames alone, not over training"
-        if (table["seeds"] == 1).all()
-        else "frames and seeds of training"
-    )
-    print(f"Star: the interval, over {over}, excludes zero.")
-    folder = sweep.settings.results_folder / "tables"
-    for kind, frame in (("gains", table), ("recalls", recalls(compared))):
-        path = folder / f"{kind}_{sweep.name}_{sweep.protocol.name}.csv"
+    folder = sweep.settings.results_folder
+    frames = {"verdicts": judged.verdicts, "gains": judged.gains}
+    for kind, frame in {**frames, "recalls": recalls(judged.compared)}.items():
+        path = folder / "tables" / f"{kind}_{sweep.name}_{sweep.protocol.name}.csv"
         write_text(path, frame.to_csv(index=False, lineterminator="\n"))
+        print(f"Written to {path}.")
+    for path in forest(
+        judged.verdicts, levels, judged.margin, folder / "figures" / f"forest_{sweep.name}"
+    ):
         print(f"Written to {path}.")

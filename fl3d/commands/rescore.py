@@ -8,9 +8,9 @@ from fl3d.config.compose import values_by_key
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.files import write_text
 from fl3d.evaluation.protocol import METRIC_NAMES
-from fl3d.papers.results import levels_of
 from fl3d.reports.levels import rescored_tables
 from fl3d.reports.render import to_markdown
+from fl3d.runs.finished import levels_of
 
 
 def run(arguments: list[str]) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from fl3d.commands.words import HELP, PUBLISHED, names_sweep, open_words, parser, read_words
-from fl3d.core.errors import StoreError
-from fl3d.papers.results import write_still_tables, write_sweep, write_views
+from fl3d.core.errors import ConfigError, StoreError
+from fl3d.papers.results import judge_or_say, write_still_tables, write_sweep, write_views
 from fl3d.papers.stored import feeding, place_words, stored_sweeps
 from fl3d.runs.finished import FinishedSweep
 
@@ -19,7 +19,7 @@ def run(arguments: list[str]) -> None:
     words = arguments_of.parse_intermixed_args(arguments).overrides
     for sweep in sweeps_of(words):
         tables, _ = write_sweep(sweep, feeding(sweep, words, PUBLISHED), print)
-        write_views(sweep, tables, print)
+        write_views(sweep, tables, judge_or_say(sweep, print), print)
         write_still_tables(sweep)
 
 
@@ -31,6 +31,12 @@ def sweeps_of(words: list[str]) -> list[FinishedSweep]:
     """
     if names_sweep(words):
         return [open_words(read_words(words))]
+    others = [word for word in words if word not in place_words(words)]
+    if others:
+        raise ConfigError(
+            f"{' '.join(others)}: without a sweep among the words, such as +sweep=gamma, every sweep is shown as it "
+            "was run last; words may only say where: data=, profile=, store., results="
+        )
     found = stored_sweeps(words, PUBLISHED)
     if not found:
         settings = read_words(place_words(words)).settings

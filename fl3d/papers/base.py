@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from fl3d.analysis.found import Judged
 from fl3d.core.errors import ConfigError
 from fl3d.reports.table import Table
 from fl3d.runs.finished import FinishedSweep
@@ -57,12 +58,12 @@ class PaperTable(ABC):
         """The table beside the published one; None where its own form has the published cells already."""
         return None
 
-    def intervals(self, table: Table, gains: pd.DataFrame) -> Table | None:
-        """The table with intervals; None where it has none.
+    def intervals(self, table: Table, judged: Judged) -> Table | None:
+        """The table with intervals and verdicts; None where it has none.
 
         Args:
             table: as made.
-            gains: of the sweep, see ``analysis.gains.gains``; of the table's rule.
+            judged: what the sweep has found, by the table's rule.
         """
         return None
 
@@ -99,8 +100,8 @@ class Paper:
         tables: that sweeps feed, in printed order.
         still: tables that need no training, made now.
         draw: figures of a sweep into a folder; every file written. None: it has none.
-        claims: sentences of it that state a number, beside what a sweep gives; None: none are kept, or none are about
-            such a sweep.
+        claims: sentences of it that state a number, beside what a sweep gives and what it has found (None where that
+            cannot be told); None: none are kept, or none are about such a sweep.
         captions: of figures, by their files' names without ending.
     """
 
@@ -108,7 +109,7 @@ class Paper:
     tables: tuple[PaperTable, ...]
     still: Callable[[], list[Table]] = list
     draw: Callable[[FinishedSweep, Path], list[Path]] | None = None
-    claims: Callable[[FinishedSweep], Table | None] | None = None
+    claims: Callable[[FinishedSweep, Judged | None], Table | None] | None = None
     captions: Mapping[str, str] = field(default_factory=dict)
 
 

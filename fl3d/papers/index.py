@@ -9,8 +9,10 @@ from fl3d.core.files import write_text
 HEAD = """# Results
 
 Made by `make publish`; each folder is one kind of data and one profile, and its `stamp.json` says by which commit, on
-which machine and from which data. `make report` makes one page of them, with all figures.
+which machine and from which data. `make report` makes one page of them, with all figures. What was found comes first:
+for each level a verdict by its gain over the baseline, from three seeds of training on.
 """
+VERDICTS = "_verdicts-"  # in the names of their tables
 PICTURES = ("ap_over_level_*", "ap_over_steps_*", "figure_4", "figure_5")
 
 
@@ -19,13 +21,20 @@ def write_index(results: Path) -> Path:
     parts = [HEAD]
     for folder in sorted(path for path in results.iterdir() if (path / "tables").is_dir()):
         parts.append(f"## {folder.name}\n")
-        parts += [path.read_text() for path in _tables(folder / "tables")]
+        parts += _pictures(folder, "forest_*")
+        tables = _tables(folder / "tables")
+        tables.sort(key=lambda path: VERDICTS not in path.stem)  # stable: the others follow
+        parts += [path.read_text() for path in tables]
         for pattern in PICTURES:
-            for path in sorted((folder / "figures").glob(f"{pattern}.png")):
-                parts.append(f"![{path.stem}]({folder.name}/figures/{path.name})\n")
+            parts += _pictures(folder, pattern)
     path = results / "README.md"
     write_text(path, "\n".join(parts))
     return path
+
+
+def _pictures(folder: Path, pattern: str) -> list[str]:
+    paths = sorted((folder / "figures").glob(f"{pattern}.png"))
+    return [f"![{path.stem}]({folder.name}/figures/{path.name})\n" for path in paths]
 
 
 def _tables(folder: Path) -> list[Path]:

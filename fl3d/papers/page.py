@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-import pandas as pd
-
-from fl3d.analysis.gains import compare_sweep, gains
+from fl3d.analysis.found import Judged
+from fl3d.analysis.samples import compare_sweep
 from fl3d.analysis.split_halves import HALVINGS, best_of_k_checkpoints, split_halves
 from fl3d.core.files import write_text
+from fl3d.papers.judged_views import tables_of_verdicts
 from fl3d.papers.registry import PAPERS, papers_of
 from fl3d.papers.results import (
     Say,
     draw_curves,
     draw_papers,
-    levels_of,
+    judge_or_say,
     write_still_tables,
     write_sweep,
     write_tables,
@@ -30,16 +30,26 @@ from fl3d.reports.page import Section, folded, link, listing, page, paragraph, p
 from fl3d.reports.render import to_html
 from fl3d.reports.table import Table
 from fl3d.runs.checkpoints import read_marker
-from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.spec import read_spec
 
 CAPTIONS = {
-    "ap_over_level": "AP of the last models by level; bars: 95 % intervals of 3D moderate; thin lines: the baseline.",
-    "ap_over_steps": "3D AP moderate of every checkpoint; the dotted line is where each trial's last stage begins.",
-    "best_of_k": "Mean of the best of k checkpoints of a trial's whole curve: much of the rise is training itself.",
-    "precision_recall": "Precision against recall of the last models, 3D moderate.",
-    "ap_over_cut": "3D AP moderate against the score below which detections are dropped.",
+    "ap_over_level": "AP of the last models by level, the mean over seeds of training; bars: 95 % intervals of 3D "
+    "moderate (over frames alone where there is one seed; they may leave the panel); thin lines: the baseline.",
+    "ap_over_steps": "3D AP moderate of every checkpoint: of each level the mean over its own seeds of training, in a "
+    "band from the lowest to the highest (none around one seed); marks: the seeds' last and best, on average; the "
+    "dotted line is where each trial's last stage begins.",
+    "best_of_k": "Mean of the best of k checkpoints of a trial's whole curve, and over each level's own seeds of "
+    "training: much of the rise is training itself.",
+    "precision_recall": "Precision against recall of the last models, 3D moderate: at each recall the mean over each "
+    "level's own seeds of training.",
+    "ap_over_cut": "3D AP moderate against the score below which detections are dropped, the mean over each level's "
+    "own seeds of training.",
 }
+FOREST = (
+    "Gain of each level's last model over the baseline, with simultaneous 95 % intervals, verdict and number of seeds "
+    "(n); grey: the margin within which a gain does not matter."
+)
 ADDRESS = "http://127.0.0.1:5000/#/experiments?workflowType=machine_learning"
 
 
@@ -56,25 +66,32 @@ def write_page(
     """
     main = sweeps[0]
     compared = compare_sweep(main)  # what cannot be made is not begun
+    found: list[str] = []
     tables: list[str] = []
     pictures: list[Path] = []
+    main_judged: Judged | None = None
     for sweep in sweeps:
         made, _ = write_sweep(sweep, feeding(sweep, words, published), _quiet(say))
-        tables += _tables(made, write_views(sweep, made, _quiet(say)))
+        judged = judge_or_say(sweep, say)
+        views = write_views(sweep, made, judged, _quiet(say))
+        tables += _tables(made, views)
+        question = None if sweep is main else sweep.settings.sweep.question or sweep.name
+        found += _found(sweep, judged, question)
         if sweep is main:
+            main_judged = judged
             pictures += draw_curves(sweep, compared)
         pictures += draw_papers(sweep)
     halves, more = _halves(main)
     pictures += more
     folder = main.settings.results_folder
     papers = papers_of(main.settings.sweep.tables)
-    drawn = [paper.claims(main) for paper in papers if paper.claims is not None]
+    drawn = [paper.claims(main, main_judged) for paper in papers if paper.claims is not None]
     claims = [table for table in drawn if table is not None]
     write_tables([*claims, halves], folder)
     still = write_still_tables(main)
     pngs = [path for path in pictures if path.suffix == ".png"]
     sections = [
-        Section("In short", (listing(findings(gains(compared, main.baseline), main)),)),
+        Section("Verdicts", tuple(found)),
         Section("Tables", tuple(tables)),
         Section("Figures", tuple(picture(path.read_bytes(), _caption(path)) for path in pngs)),
         Section("Claims of the paper", tuple(to_html(table) for table in claims)),
@@ -89,39 +106,15 @@ def write_page(
     return path, pictures
 
 
-def findings(table: pd.DataFrame, sweep: FinishedSweep) -> list[str]:
-    """For each group, which gains in the primary metric are significant."""
-    view, difficulty = sweep.settings.sweep.metric.split("/")
-    average = sweep.settings.sweep.average
-    own = table[
-        (table["metric"] == view)
-        & (table["difficulty"] == difficulty)
-        & (table["average"] == average)
-    ]
+def _found(sweep: FinishedSweep, judged: Judged | None, question: str | None) -> list[str]:
+    """What a sweep has found: the question, unless the page begins with it, a picture, and the verdicts."""
+    if judged is None:
+        return []
     levels = levels_of(sweep)
-    found = []
-    for group, rows in own.groupby("group"):
-        base = rows[rows["level"] == sweep.baseline].iloc[0]
-        interval = f"{base['ap']:.1f} [{base['ap_low']:.1f}, {base['ap_high']:.1f}]"
-        clear = levels.sorted(rows[rows["significant"] & (rows["level"] != sweep.baseline)])
-        parts = [
-            f"{levels.text(str(row.level))}: {row.gain:+.1f} [{row.gain_low:+.1f}, {row.gain_high:+.1f}]"
-            for row in clear.itertuples()
-        ]
-        told = (
-            f"intervals that exclude zero: {'; '.join(parts)}"
-            if parts
-            else "no gain's interval excludes zero"
-        )
-        metric = f"{view.upper()} AP {difficulty} ({average})"
-        found.append(f"{group}: {metric} {interval} at {levels.text(sweep.baseline)}; {told}.")
-    seeds = int(own["seeds"].max())
-    over = (
-        "frames alone, from one seed of training"
-        if seeds == 1
-        else f"frames and {seeds} seeds of training"
-    )
-    return [*found, f"Intervals of 95 % over {over}."]
+    drawn = sweep.settings.results_folder / "figures" / f"forest_{sweep.name}.png"
+    parts = [paragraph(question)] if question else []
+    parts += [picture(drawn.read_bytes(), FOREST)] if drawn.exists() else []
+    return [*parts, *(to_html(table) for table in tables_of_verdicts(judged, levels))]
 
 
 def _quiet(say: Say) -> Say:

@@ -3,36 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from fl3d.analysis.gains import Comparisons, compare_sweep, gains
+from fl3d.analysis.found import Judged, judge_sweep
 from fl3d.analysis.rescore import rescore
+from fl3d.analysis.samples import Comparisons
 from fl3d.config.settings import Settings
 from fl3d.core.errors import ConfigError, DataError, StoreError
 from fl3d.core.files import write_text
 from fl3d.evaluation.average_precision import N_SAMPLES
 from fl3d.papers.base import PaperTable
+from fl3d.papers.judged_views import intervals_by_level, tables_of_verdicts
 from fl3d.papers.registry import papers_of, tables_named
 from fl3d.reports.figures.curves import ap_over_cut, ap_over_level, ap_over_steps, precision_recall
-from fl3d.reports.intervals import with_intervals
-from fl3d.reports.levels import Levels, levels_table, slug
+from fl3d.reports.figures.forest import forest
+from fl3d.reports.levels import levels_table, slug
 from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
-from fl3d.runs.design import factor_name
-from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.scores import score_file, write_score_file
 
 Say = Callable[[str], None]
 GENERIC_AVERAGE = "R40"  # of tables that no paper prescribes: KITTI's own since 2019
 CUTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
-
-
-def levels_of(sweep: FinishedSweep) -> Levels:
-    """The levels of a sweep, as tables and figures tell them."""
-    return Levels(factor_name(sweep.factor), sweep.levels, sweep.baseline)
 
 
 def protocol_note(settings: Settings, average: str = "R11") -> str:
@@ -108,7 +105,7 @@ def write_sweep(
     tables = make_tables(sweep, feeding)
     written += write_tables(tables, folder)
     if file.read_text() != before:
-        remove_views(tables, folder)  # of other scores: a folder shows one set
+        remove_views(sweep.name, tables, folder)  # of other scores: a folder shows one set
     levels = levels_of(sweep)
     figures = folder / "figures"
     last = sweep.select("last")
@@ -125,8 +122,17 @@ def write_sweep(
     return tables, written
 
 
-def write_views(sweep: FinishedSweep, tables: Sequence[Table], say: Say) -> list[Table]:
-    """Write each table beside the published one, and with intervals where detections are stored; all of these."""
+def write_views(
+    sweep: FinishedSweep, tables: Sequence[Table], judged: Judged | None, say: Say
+) -> list[Table]:
+    """Write each table beside the published one, with intervals and verdicts, and the verdicts alone; all of these.
+
+    Args:
+        sweep: the sweep.
+        tables: as ``write_sweep`` made them.
+        judged: what the sweep has found; None: only what needs no detections is written.
+        say: prints a line for the user.
+    """
     named = {table.number: table for table in paper_tables(sweep)}
     views = [
         view
@@ -135,49 +141,68 @@ def write_views(sweep: FinishedSweep, tables: Sequence[Table], say: Say) -> list
         for view in [named[table.name].beside(table)]
         if view
     ]
-    try:
-        views += interval_views(sweep, tables)
-    except ConfigError as error:
-        say(f"No intervals of gains: {error}")
-    except (DataError, StoreError) as error:
-        say(f"No intervals, which need stored detections and the data's labels: {error}")
+    if judged is not None:
+        views += interval_views(sweep, tables, judged)
+        views += verdict_views(sweep, judged)
     for view in views:
         say("\n" + to_markdown(view))
     folder = sweep.settings.results_folder
     written = write_tables(views, folder)
+    if judged is not None:
+        written += draw_verdicts(sweep, judged)
     if written:
         say(f"Written to {folder}: " + ", ".join(str(path.relative_to(folder)) for path in written))
     return views
 
 
-def interval_views(sweep: FinishedSweep, tables: Sequence[Table]) -> list[Table]:
-    """The tables with intervals, and AP over level with bars."""
+def judge_or_say(sweep: FinishedSweep, say: Say) -> Judged | None:
+    """What a sweep has found; None, and a line why, where that cannot be told."""
+    try:
+        return judge_sweep(sweep)
+    except ConfigError as error:
+        say(f"No verdicts: {error}")
+    except (DataError, StoreError) as error:
+        say(f"No verdicts, which need stored detections and the data's labels: {error}")
+    return None
+
+
+def interval_views(sweep: FinishedSweep, tables: Sequence[Table], judged: Judged) -> list[Table]:
+    """The tables with intervals and verdicts."""
     named = {table.number: table for table in paper_tables(sweep)}
-    by_rule: dict[str, pd.DataFrame] = {}
+    by_rule = {"last": judged}
     views = []
     for table in tables:
         paper_table = named.get(table.name)
         rule = paper_table.rule if paper_table else "last"
         if rule not in by_rule:
-            by_rule[rule] = gains(compare_sweep(sweep, rule), sweep.baseline)
+            by_rule[rule] = judge_sweep(sweep, rule)
         if paper_table is not None:
             view = paper_table.intervals(table, by_rule[rule])
         else:
-            view = _generic_intervals(sweep, table, by_rule[rule])
+            view = _generic_intervals(sweep, table, judged)
         views += [view] if view is not None else []
-    if "last" in by_rule:
-        bars = sweep.settings.results_folder / "figures" / f"ap_over_level_{sweep.name}"
-        ap_over_level(sweep.select("last"), levels_of(sweep), bars, by_rule["last"])
     return views
 
 
-def _generic_intervals(sweep: FinishedSweep, table: Table, found: pd.DataFrame) -> Table | None:
+def _generic_intervals(sweep: FinishedSweep, table: Table, judged: Judged) -> Table | None:
     group = next(group for group in sweep.groups if generic_name(sweep, group) == table.name)
-    own = found[found["group"] == group]
-    if own.empty:
-        return None
     bold = f"better than {levels_of(sweep).text(sweep.baseline)}"
-    return with_intervals(table, own.assign(row=own["level"]), bold, average=GENERIC_AVERAGE)
+    return intervals_by_level(table, judged, group, bold, average=GENERIC_AVERAGE)
+
+
+def verdict_views(sweep: FinishedSweep, judged: Judged) -> list[Table]:
+    """The verdicts alone, one table a group."""
+    found = tables_of_verdicts(judged, levels_of(sweep))
+    return [replace(table, name=f"{sweep.name}_{table.name}") for table in found]
+
+
+def draw_verdicts(sweep: FinishedSweep, judged: Judged) -> list[Path]:
+    """The forest plot, and AP over level with bars; every file written."""
+    folder = sweep.settings.results_folder / "figures"
+    levels = levels_of(sweep)
+    written = forest(judged.verdicts, levels, judged.margin, folder / f"forest_{sweep.name}")
+    bars = folder / f"ap_over_level_{sweep.name}"
+    return written + ap_over_level(sweep.select("last"), levels, bars, judged.gains)
 
 
 def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
@@ -191,33 +216,32 @@ def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
     return written
 
 
-def remove_views(tables: Sequence[Table], folder: Path) -> None:
-    """Remove other forms of some tables."""
+def remove_views(sweep: str, tables: Sequence[Table], folder: Path) -> None:
+    """Remove other forms of some tables of a sweep, and its verdicts."""
     for table in tables:
         for view in ("published", "intervals"):
             for path in (folder / "tables").glob(f"table_{table.name}_{view}.*"):
                 path.unlink()
+    for path in (folder / "tables").glob(f"table_{sweep}_verdicts-*"):
+        path.unlink()
+    for path in (folder / "figures").glob(f"forest_{sweep}.*"):
+        path.unlink()
 
 
 def draw_curves(sweep: FinishedSweep, compared: Comparisons) -> list[Path]:
-    """Curves of any sweep: AP over steps, levels and score cut, precision over recall; every file written.
+    """Curves of any sweep: AP over steps and score cut, precision over recall; every file written.
 
     Args:
         sweep: its run folders must be at hand.
-        compared: its last models, see ``analysis.gains.compare_sweep``.
+        compared: its last models, see ``analysis.samples.compare_sweep``.
     """
     folder = sweep.settings.results_folder / "figures"
     levels = levels_of(sweep)
     last = sweep.select("last")
     best = sweep.select("best")
-    try:
-        found = gains(compared, sweep.baseline)
-    except ConfigError:  # no trial of the baseline is done
-        found = None
     written = ap_over_steps(
         sweep.scores, last, best, levels, folder / f"ap_over_steps_{sweep.name}"
     )
-    written += ap_over_level(last, levels, folder / f"ap_over_level_{sweep.name}", found)
     cuts = rescore(sweep, {"score_threshold": CUTS})
     written += ap_over_cut(cuts, levels, folder / f"ap_over_cut_{sweep.name}")
     curves = precision_curves(compared)

@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from fl3d.reports.levels import Levels
+from fl3d.reports.seeds import seeds_by, seeds_note
 from fl3d.reports.table import Cell, Column, Table
 
 LAST = 5  # checkpoints that are averaged
@@ -60,6 +61,7 @@ def halves_table(
         means = own.groupby("level", sort=False)[list(HEADS)[:-1]].mean().reset_index()
         rows += [_row(str(group), row) for row in levels.sorted(means).to_dict("records")]
     n = min(LAST, int(counts.max()))
+    seeds = seeds_note(seeds_by(levels.sorted(last), ["group", "level"]))
     among = "/".join(str(count) for count in sorted(counts.unique()))
     return Table(
         "honest",
@@ -71,7 +73,7 @@ def halves_table(
         ),
         tuple(rows),
         LEGEND,
-        (*notes, f"Best is chosen among {among} checkpoints of a trial."),
+        (*notes, f"Best is chosen among {among} checkpoints of a trial.", seeds),
     )
 
 

@@ -1,4 +1,4 @@
-"""A table with an interval in each cell, and a star where a gain is significant. Pure."""
+"""A table with an interval in each cell, a star where a gain differs from zero, and a verdict behind each row. Pure."""
 
 from __future__ import annotations
 
@@ -7,51 +7,63 @@ from typing import Any
 
 import pandas as pd
 
-from fl3d.reports.table import Cell, Table
+from fl3d.reports.table import Cell, Column, Table, is_better
 
-LEGEND = (
-    "AP in percent [95 % interval]; bold: {bold}; star: the paired gain's interval excludes zero"
+LEGEND = "AP in percent [95 % interval]; bold: {bold}"
+STAR = (
+    "star: the gain in R40 differs from zero where all gains of this table are looked at together "
+    "(95 %, from three seeds on)"
 )
 DAGGER = "†: R11 moves more than twice as far as R40: it may be one of its recall steps, worth up to 9.09 AP."
 
 
 def with_intervals(
-    table: Table, gains: pd.DataFrame, bold: str, key_columns: int = 1, average: str = "R11"
+    table: Table,
+    gains: pd.DataFrame,
+    bold: str,
+    key_columns: int = 1,
+    average: str = "R11",
+    verdicts: Mapping[str, str] | None = None,
 ) -> Table:
     """A table of APs with how sure each cell is.
 
     Args:
         table: its AP columns are named as ``reports.levels.ap_columns``.
         gains: see ``analysis.gains.gains``; a column ``row`` holds, for each row of the table, the text of its first
-            columns, joined by a space.
+            columns, joined by a space. Cells show its APs: those of the seeds that the interval is over.
         bold: what bold stands for in the table.
         key_columns: how many first columns tell the rows apart.
         average: of the table's APs.
+        verdicts: a word for each row, by the same text; None: the table has no verdicts, and marks nothing.
     """
     chosen = gains[gains["average"] == average]
     found = {
         f"{row['row']} {row['metric']}_{row['difficulty']}": row
         for row in chosen.to_dict("records")
     }
+    marks = verdicts is not None
     rows = []
-    is_stepped = False
+    shown = []
     for cells in table.rows:
         key = " ".join(cell.text for cell in cells[:key_columns])
         own = []
         for column, cell in zip(table.columns, cells, strict=True):
             row = found.get(f"{key} {column.key}")
-            own.append(cell if row is None else _cell(cell, row))
-            is_stepped |= row is not None and bool(row["one_r11_step"])
-        rows.append(tuple(own))
-    seeds = sorted(gains["seeds"].unique())
-    over = "frames" if seeds == [1] else f"frames and {'/'.join(str(n) for n in seeds)} seeds"
-    notes = (*table.notes, f"Intervals over {over}.", *((DAGGER,) if is_stepped else ()))
+            own.append(cell if row is None else _cell(cell, row, marks))
+            shown += [] if row is None else [row]
+        rows.append((*own, *([Cell(verdicts.get(key, ""))] if verdicts is not None else [])))
+    columns = (*table.columns, *([Column("verdict", "verdict")] if marks else []))
+    is_stepped = any(row["one_r11_step"] for row in shown)
+    is_marked = marks and any(row["marked"] for row in shown)
+    legend = "; ".join([LEGEND.format(bold=bold), *([STAR] if is_marked else [])])
+    notes = (*table.notes, *((DAGGER,) if is_stepped else ()))
     return table.as_view(
-        "intervals", rows=tuple(rows), legend=LEGEND.format(bold=bold), notes=notes, csv_order=()
+        "intervals", columns=columns, rows=tuple(rows), legend=legend, notes=notes, csv_order=()
     )
 
 
-def _cell(cell: Cell, row: Mapping[Hashable, Any]) -> Cell:
+def _cell(cell: Cell, row: Mapping[Hashable, Any], marks: bool) -> Cell:
     mark = " †" if row["one_r11_step"] else ""
-    text = f"{cell.text} [{row['ap_low']:.1f}, {row['ap_high']:.1f}]{mark}"
-    return Cell(text, cell.bold, star=bool(row["significant"]))
+    text = f"{row['ap']:.2f} [{row['ap_low']:.1f}, {row['ap_high']:.1f}]{mark}"
+    bold = is_better(row["ap"], row["ap"] - row["gain"]) if marks else cell.bold
+    return Cell(text, bold, star=marks and bool(row["marked"]))

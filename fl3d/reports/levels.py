@@ -12,6 +12,7 @@ from typing import Any
 
 import pandas as pd
 
+from fl3d.reports.seeds import PAIRED, better_in_pairs, seeds_by, seeds_note
 from fl3d.reports.table import HEADS, Cell, Column, Table
 
 SYMBOLS = {"alpha": "α", "beta": "β", "eta": "η", "gamma": "γ"}  # as the papers write them
@@ -80,13 +81,13 @@ def levels_table(
         own.groupby("level", sort=False)[list(metrics.values())].mean().reset_index()
     )
     counts = own.groupby("level").size()
-    base = means[means["level"] == levels.baseline]
+    base = own[own["level"] == levels.baseline]
     rows = []
     for _, row in means.iterrows():
+        better = better_in_pairs(own[own["level"] == row["level"]], base, metrics.values())
         cells = [Cell(str(row["level"])), Cell(str(counts[row["level"]]))]
-        for metric in metrics.values():
-            better = len(base) > 0 and is_better(row[metric], base.iloc[0][metric])
-            cells.append(Cell(f"{row[metric]:.2f}", bold=better))
+        for metric, bold in zip(metrics.values(), better, strict=True):
+            cells.append(Cell(f"{row[metric]:.2f}", bold=bold))
         rows.append(tuple(cells))
     views = tuple(
         Column(key, HEADS[key.partition("_")[2]], key.partition("_")[0].upper(), True)
@@ -94,16 +95,12 @@ def levels_table(
     )
     columns = (Column("level", levels.head or "level"), Column("seeds", "seeds", "", True), *views)
     legend = f"AP in percent ({average}); bold: better than {levels.text(levels.baseline)}"
-    return Table(name, f"Last models of {group}", columns, tuple(rows), legend, notes)
-
-
-def is_better(value: float, than: float) -> bool:
-    """The bold rule: the printed number is strictly above the printed one."""
-    return float(f"{value:.2f}") > float(f"{than:.2f}")
+    note = seeds_note(seeds_by(levels.sorted(own), ["level"]), PAIRED)
+    return Table(name, f"Last models of {group}", columns, tuple(rows), legend, (*notes, note))
 
 
 def gains_tables(gains: pd.DataFrame, levels: Levels, metric: str, average: str) -> list[Table]:
-    """AP and gain of one metric, a table a group; a star where the gain's interval excludes zero.
+    """AP and gain of one metric, a table a group; a star marks gains, see ``analysis.gains.gains``.
 
     Args:
         gains: see ``analysis.gains.gains``.
@@ -124,20 +121,24 @@ def gains_tables(gains: pd.DataFrame, levels: Levels, metric: str, average: str)
         Column("gain", f"gain over {levels.text(levels.baseline)}"),
         Column("mark", ""),
     )
+    star = (
+        "; *: the gain in R40 differs from zero where all BEV and 3D gains are looked at together"
+    )
     tables = []
     for group, own in chosen.groupby("group"):
         rows = tuple(
             _gain_row(row, levels.baseline) for row in levels.sorted(own).to_dict("records")
         )
         caption = f"{group}, {view} {difficulty}, {average}, last models, 95 % intervals"
-        tables.append(Table(f"gains-{slug(str(group))}", caption, columns, rows))
+        legend = "each interval by itself" + (star if own["marked"].any() else "")
+        tables.append(Table(f"gains-{slug(str(group))}", caption, columns, rows, legend))
     return tables
 
 
 def _gain_row(row: Mapping[Hashable, Any], baseline: str) -> tuple[Cell, ...]:
     ap = f"{row['ap']:.2f} [{row['ap_low']:.2f}, {row['ap_high']:.2f}]"
     gain = f"{row['gain']:+.2f} [{row['gain_low']:+.2f}, {row['gain_high']:+.2f}]"
-    star = "*" if row["significant"] else ""
+    star = "*" if row["marked"] else ""
     step = "one R11 step" if row["one_r11_step"] else ""
     shown = gain if row["level"] != baseline else "baseline"
     marks = f"{star} {step}".strip()
@@ -170,7 +171,9 @@ def rescored_tables(
         for level, aps in zip(wide.index, wide.to_numpy(), strict=True):
             rows.append((Cell(str(level)), *(Cell(f"{ap:.2f}") for ap in aps)))
         caption = f"{group}, {metric}, last models; columns: {', '.join(changes)}"
-        tables.append(Table(f"rescored-{slug(str(group))}", caption, columns, tuple(rows)))
+        name = f"rescored-{slug(str(group))}"
+        note = seeds_note(seeds_by(levels.sorted(own), ["level"]))
+        tables.append(Table(name, caption, columns, tuple(rows), notes=(note,)))
     return tables
 
 

@@ -85,6 +85,11 @@ class Table:
         return tuple(row[place] for row in self.rows)
 
 
+def is_better(value: float, than: float) -> bool:
+    """The bold rule: the printed number is strictly above the printed one."""
+    return float(f"{value:.2f}") > float(f"{than:.2f}")
+
+
 AP_COLUMNS = {
     f"{view}_{level}": f"ap_{view}/{level}"
     for view in ("bev", "3d")

@@ -5,9 +5,11 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from fl3d.analysis.found import Judged
 from fl3d.core.errors import ConfigError
 from fl3d.papers.base import PaperTable
 from fl3d.papers.focal_loss.paper import FOCAL_LOSS
@@ -25,6 +27,7 @@ from fl3d.papers.registry import TABLES, papers_of, tables_named
 from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import AP_COLUMNS, Table
 from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.units import Units
 from tests.papers.making import Made, aps, finished_sweep, printed_aps
 
 LAST_STEP = 222_720
@@ -144,11 +147,22 @@ def test_equal_is_not_better() -> None:
     assert not any(cell.bold for row in table.rows for cell in row)
 
 
+def test_a_replicate_without_its_pair_is_said_and_makes_nothing_bold() -> None:
+    """Gamma 1 has the better seed alone: its mean is above gamma 0's, and in the seed of both it is not."""
+    trials = [("loss.gamma=0 seed=0", 1.0), ("loss.gamma=0 seed=1", 9.0)]
+    table = made(LAST_VOXELNET, voxelnet_sweep([*trials, ("loss.gamma=1 seed=1", 8.0)]))
+    assert [row[1].text for row in table.rows] == ["5.00", "8.00"]
+    assert not any(cell.bold for row in table.rows for cell in row)
+    assert "rows without all of seeds 0, 1: γ = 1 (1)" in table.notes[-1]
+
+
 def test_seeds_are_averaged() -> None:
     trials = [("loss.gamma=0 seed=0", 1.0), ("loss.gamma=0 seed=1", 2.0)]
     sweep = voxelnet_sweep(trials)
     assert [cell.text for cell in made(LAST_VOXELNET, sweep).rows[0]] == ["0", *["1.50"] * 6]
-    assert made(BEST_MODELS, sweep).column("step")[0].text == "100/200"
+    best = made(BEST_MODELS, sweep)
+    assert best.column("step")[0].text == "100/200"
+    assert best.notes == ("a note", "Mean of 2 seeds of training.")
 
 
 @pytest.mark.parametrize("table", [LAST_VOXELNET, BEST_MODELS])
@@ -248,8 +262,43 @@ def test_a_loss_that_does_not_say_whether_it_is_normalised_is_not_shown_as_the_o
 
 def test_a_detector_whose_baseline_is_not_done_has_no_table_with_intervals() -> None:
     sweep = voxelnet_sweep([("loss.gamma=1", 1.0), ("loss.gamma=2", 2.0)])
-    gains = pd.DataFrame({"group": ["3D-FCN"], "level": ["0"], "seeds": [1]})
-    assert LAST_VOXELNET.intervals(made(LAST_VOXELNET, sweep), gains) is None
+    front = {"group": ["3D-FCN"], "level": ["0"], "seeds": [1]}
+    judged = Judged(
+        compared={},
+        samples={},
+        gains=pd.DataFrame(front),
+        verdicts=pd.DataFrame(front),
+        units=Units("frames", np.arange(3), "a note"),
+        margin=1.0,
+        left_out=(),
+    )
+    assert LAST_VOXELNET.intervals(made(LAST_VOXELNET, sweep), judged) is None
+
+
+def test_best_models_have_intervals_and_neither_stars_nor_verdicts() -> None:
+    """They were chosen on the frames that the intervals are over."""
+    sweep = voxelnet_sweep([("loss.gamma=0", 40.0), ("loss.gamma=2", 50.0)])
+    table = made(BEST_MODELS, sweep)
+    rows = [
+        {"group": "VoxelNet", "level": level, "seeds": 3, "metric": "3d", "difficulty": "hard"}
+        | {"average": "R11", "ap": ap, "ap_low": ap - 1, "ap_high": ap + 1, "gain": ap - 40}
+        | {"marked": ap > 40, "one_r11_step": False}
+        for level, ap in (("0", 40.0), ("2", 50.0))
+    ]
+    gains = pd.DataFrame(rows)
+    units = Units("frames", np.arange(3), "a note")
+    judged = Judged(
+        compared={}, samples={}, gains=gains, verdicts=gains, units=units, margin=1.0, left_out=()
+    )
+    view = BEST_MODELS.intervals(table, judged)
+    assert view is not None
+    assert [cell.text for cell in view.column("3d_hard")] == [
+        "40.00 [39.0, 41.0]",
+        "50.00 [49.0, 51.0]",
+    ]
+    assert not any(cell.star for row in view.rows for cell in row)
+    assert [column.key for column in view.columns] == [column.key for column in table.columns]
+    assert any("no gain is marked here" in note for note in view.notes)
 
 
 def test_a_sweep_of_loss_forms_has_no_figures_and_claims_over_gamma(tmp_path: Path) -> None:
@@ -262,5 +311,5 @@ def test_a_sweep_of_loss_forms_has_no_figures_and_claims_over_gamma(tmp_path: Pa
     assert FOCAL_LOSS.draw is not None
     assert FOCAL_LOSS.claims is not None
     assert FOCAL_LOSS.draw(sweep, tmp_path) == []
-    assert FOCAL_LOSS.claims(sweep) is None
+    assert FOCAL_LOSS.claims(sweep, None) is None
     assert list(tmp_path.iterdir()) == []

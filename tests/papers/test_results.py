@@ -7,15 +7,22 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from fl3d.analysis.found import Judged, judge_sweep
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.papers.base import PaperTable
 from fl3d.papers.course_report.frustum_tables import DETECTORS, FRUSTUM
 from fl3d.papers.focal_loss.published_cells import published_table
-from fl3d.papers.page import findings
-from fl3d.papers.results import interval_views, levels_of, make_tables, write_sweep, write_views
+from fl3d.papers.results import (
+    draw_verdicts,
+    interval_views,
+    judge_or_say,
+    make_tables,
+    write_sweep,
+    write_views,
+)
 from fl3d.papers.stored import feeding, place_words
 from fl3d.reports.table import Table
-from fl3d.runs.finished import FinishedSweep, is_stored, open_sweep
+from fl3d.runs.finished import FinishedSweep, is_stored, levels_of, open_sweep
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.scores import score_file, write_score_file
 from tests.analysis.making import detected_sweep, without
@@ -169,9 +176,9 @@ def test_scores_alone_have_no_intervals_and_are_still_shown_beside_the_paper(
     sweep = gamma_sweep(tmp_path)
     tables, _ = write_sweep(sweep, alone, lambda line: None)
     said: list[str] = []
-    views = write_views(sweep, tables, said.append)
+    views = write_views(sweep, tables, judge_or_say(sweep, said.append), said.append)
     assert [view.name for view in views] == ["II_published", "III_published", "IV_published"]
-    assert "No intervals, which need stored detections" in said_by(said)
+    assert "No verdicts, which need stored detections" in said_by(said)
 
 
 POINTS = [
@@ -191,20 +198,76 @@ def detected(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Finis
     )
 
 
-def test_any_table_has_intervals_where_detections_are_stored(detected: FinishedSweep) -> None:
+@pytest.fixture(scope="module")
+def judged(detected: FinishedSweep) -> Judged:
+    return judge_sweep(detected, n_resamples=100)
+
+
+def test_any_table_has_intervals_and_verdicts_where_detections_are_stored(
+    detected: FinishedSweep, judged: Judged
+) -> None:
     tables = make_tables(detected, alone)
-    views = interval_views(detected, tables)
+    views = interval_views(detected, tables, judged)
     assert [(view.base, view.view) for view in views] == [
         (table.name, "intervals") for table in tables
     ]
-    for view in views:
-        assert [cell.text for cell in view.column("level")] == ["original", "enhanced"]
     for view, table in zip(views, tables, strict=True):
+        assert [cell.text for cell in view.column("level")] == ["original", "enhanced"]
         for cell, own in zip(view.column("3d_moderate"), table.column("3d_moderate"), strict=True):
             assert cell.text.startswith(f"{own.text} [")
-    data = pd.read_csv(detected.settings.results_folder / "figures" / "ap_over_level_mine.csv")
+        words = [cell.text for cell in view.column("verdict")]
+        assert words == ["baseline", "frames only"]
+        assert "one seed says nothing about another" in said_by(view.notes)
+        assert "4 frames, taken as independent" in said_by(view.notes)
+        assert not any(cell.star for row in view.rows for cell in row)
+
+
+def test_a_failed_replicate_is_named_below_the_table_of_its_group(
+    simulated: Path, tmp_path: Path
+) -> None:
+    points = [[*point, f"seed={seed}"] for point in POINTS for seed in (0, 1)]
+    whole = detected_sweep(simulated, tmp_path, points, lambda trial: 0.0, "sweep.name=mine")
+    some = without(
+        whole, lambda trial: (trial.group, trial.level, trial.seed) == ("VoxelNet", "enhanced", 1)
+    )
+    judged = judge_sweep(some, n_resamples=20)
+    fcn, voxelnet = interval_views(some, make_tables(some, alone), judged)
+    assert "VoxelNet enhanced: seed 1 left out, not done." in voxelnet.notes
+    assert not any("left out" in note for note in fcn.notes)
+
+
+def test_the_curve_over_levels_has_the_intervals_and_the_forest_the_verdicts(
+    detected: FinishedSweep, judged: Judged
+) -> None:
+    written = draw_verdicts(detected, judged)
+    names = {path.name for path in written}
+    assert {"forest_mine.csv", "forest_mine.png", "forest_mine.pdf"} <= names
+    folder = detected.settings.results_folder / "figures"
+    data = pd.read_csv(folder / "ap_over_level_mine.csv")
     assert data["level"].tolist() == ["original", "enhanced"] * 2
     assert {"ap_3d/moderate low", "ap_3d/moderate high"} <= set(data)
+    verdicts = pd.read_csv(folder / "forest_mine.csv", keep_default_na=False)
+    assert verdicts["verdict"].tolist() == ["baseline", "none"] * 2
+
+
+def test_views_are_written_with_the_verdicts_alone_and_go_with_their_scores(
+    detected: FinishedSweep, judged: Judged, tmp_path: Path
+) -> None:
+    sweep = with_results(detected, tmp_path)
+    tables, _ = write_sweep(sweep, alone, lambda line: None)
+    views = write_views(sweep, tables, judged, lambda line: None)
+    assert [view.name for view in views] == [
+        "mine-3d-fcn_intervals",
+        "mine-voxelnet_intervals",
+        "mine_verdicts-3d-fcn",
+        "mine_verdicts-voxelnet",
+    ]
+    folder = sweep.settings.results_folder
+    own = [folder / "tables" / f"table_{view.name}.md" for view in views]
+    assert all(path.exists() for path in [*own, folder / "figures" / "forest_mine.png"])
+    other = without(sweep, lambda trial: trial.level == "enhanced")
+    write_sweep(other, alone, lambda line: None)
+    assert not any(path.exists() for path in [*own, folder / "figures" / "forest_mine.png"])
 
 
 def test_a_group_without_the_baseline_has_its_table_and_no_intervals(
@@ -213,34 +276,13 @@ def test_a_group_without_the_baseline_has_its_table_and_no_intervals(
     some = without(detected, lambda trial: trial.group == "3D-FCN" and trial.level == "original")
     tables = make_tables(some, alone)
     assert [len(table.rows) for table in tables] == [1, 2]
-    assert [view.base for view in interval_views(some, tables)] == ["mine-voxelnet"]
+    judged = judge_sweep(some, n_resamples=20)
+    assert [view.base for view in interval_views(some, tables, judged)] == ["mine-voxelnet"]
     neither = without(detected, lambda trial: trial.level == "original")
     said: list[str] = []
-    assert write_views(neither, make_tables(neither, alone), said.append) == []
-    assert "No intervals of gains: a gain needs a trial of the baseline 'original'" in said_by(said)
-
-
-def test_what_was_found_names_the_primary_metric_and_every_significant_gain(
-    detected: FinishedSweep,
-) -> None:
-    front = {"metric": "3d", "difficulty": "moderate", "average": "R40", "seeds": 1, "ap": 50.0}
-    front |= {"ap_low": 40.0, "ap_high": 60.0, "gain": -9.0, "gain_low": -12.0, "gain_high": -3.0}
-    rows = [
-        {
-            **front,
-            "group": group,
-            "level": level,
-            "significant": level == "enhanced" and group == "VoxelNet",
-        }
-        for group in detected.groups
-        for level in detected.levels
-    ]
-    other = [{**row, "average": "R11", "ap": 99.0} for row in rows]
-    fcn, voxelnet, over = findings(pd.DataFrame([*rows, *other]), detected)
-    at_baseline = "50.0 [40.0, 60.0] at loss = original"
-    assert fcn == f"3D-FCN: 3D AP moderate (R40) {at_baseline}; no gain's interval excludes zero."
-    assert "intervals that exclude zero: loss = enhanced: -9.0 [-12.0, -3.0]." in voxelnet
-    assert over == "Intervals of 95 % over frames alone, from one seed of training."
+    assert judge_or_say(neither, said.append) is None
+    assert write_views(neither, make_tables(neither, alone), None, said.append) == []
+    assert "No verdicts: a gain needs a trial of the baseline 'original'" in said_by(said)
 
 
 def frustum_file(root: Path, name: str, *overrides: str, two: bool = False) -> FinishedSweep:

@@ -1,11 +1,15 @@
 """Curves of any sweep: what is drawn is what the data beside say."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.axes import Axes
 
+from fl3d.reports.figures import curves
 from fl3d.reports.figures.curves import (
     ap_over_cut,
     ap_over_level,
@@ -16,6 +20,7 @@ from fl3d.reports.figures.curves import (
 from fl3d.reports.levels import Levels
 from tests.reports.frames import GROUPS, is_figure, tidy_scores
 
+Panel = Callable[[Axes, str], None]
 GAMMAS = Levels("gamma", ["0", "2"], "0")
 TEXTS = Levels("loss", ["original", "enhanced"], "original")
 SEVERAL = Levels(
@@ -42,6 +47,49 @@ def test_last_and_best_are_marked(levels: Levels, tmp_path: Path) -> None:
     assert levels_in(tmp_path / "steps.csv") == levels.labels
 
 
+def bands(axes: Axes) -> list[tuple[float, float]]:
+    """Lowest and highest AP of each band that was drawn."""
+    found = []
+    for band in axes.collections:
+        heights = band.get_paths()[0].vertices[:, 1]
+        found.append((heights.min(), heights.max()))
+    return found
+
+
+@pytest.mark.parametrize("seeds", [(0,), (0, 1, 2)])
+def test_a_band_reaches_from_the_lowest_to_the_highest_seed(
+    seeds: tuple[int, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Axes] = []
+    scores = tidy_scores(["0"], ["VoxelNet"], seeds)
+    scores["ap_3d/moderate"] += scores["seed"] * 4.0
+    last = scores[scores["step"] == 30]
+    with monkeypatch.context() as patched:
+        given = curves.panels
+
+        def panels(names: Sequence[str], path: Path, panel: Panel, *rest: float) -> list[Path]:
+            def watched(axes: Axes, name: str) -> None:
+                panel(axes, name)
+                drawn.append(axes)
+
+            return given(names, path, watched, *rest)
+
+        patched.setattr(curves, "panels", panels)
+        ap_over_steps(scores, last, last, GAMMAS, tmp_path / "steps")
+    (axes,) = drawn
+    line = axes.lines[0]
+    assert list(line.get_ydata()) == [ap + 4.0 * (len(seeds) > 1) for ap in (10.0, 20.0, 15.0)]
+    assert bands(axes) == ([] if len(seeds) == 1 else [(10.0, 28.0)])
+
+
+def test_long_bars_leave_the_panel_and_curves_stay_legible() -> None:
+    figure, axes = plt.subplots()
+    axes.plot([0, 0], [-30, 160])
+    curves._keep_in_sight(axes, np.array([60.0, 70.0]))
+    assert axes.get_ylim() == (55.0, 75.0)
+    plt.close(figure)
+
+
 @EVERY
 def test_intervals_become_bars(levels: Levels, tmp_path: Path) -> None:
     scores = tidy_scores(levels.labels, seeds=(0, 1))
@@ -49,6 +97,7 @@ def test_intervals_become_bars(levels: Levels, tmp_path: Path) -> None:
         "metric": "3d",
         "difficulty": "moderate",
         "average": "R11",
+        "ap": 16.0,
         "ap_low": 1.0,
         "ap_high": 99.0,
     }
@@ -59,7 +108,8 @@ def test_intervals_become_bars(levels: Levels, tmp_path: Path) -> None:
     data = pd.read_csv(tmp_path / "level.csv")
     assert len(data) == len(GROUPS) * 2
     assert set(data["ap_3d/moderate high"]) == {99.0}
-    assert set(data["ap_3d/moderate"]) == {15.0, 17.0}
+    assert set(data["ap_3d/moderate"]) == {16.0}  # of the seeds that the bars are of
+    assert set(data["ap_3d/easy"]) == {15.0, 17.0}
     assert levels_in(tmp_path / "level.csv") == levels.labels
 
 

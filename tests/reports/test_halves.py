@@ -32,7 +32,11 @@ def test_last_best_and_honest_best_stand_side_by_side() -> None:
     texts = ["VoxelNet", "0", "60.00", "60.00", "70.00", "72.00", "66.00", "+6.00"]
     assert [[cell.text for cell in row] for row in table.rows] == [texts]
     assert [column.head for column in table.columns[1:4]] == ["γ", "last", "mean of last 3"]
-    assert table.notes == ("a note", "Best is chosen among 3 checkpoints of a trial.")
+    assert table.notes == (
+        "a note",
+        "Best is chosen among 3 checkpoints of a trial.",
+        "One seed of training.",
+    )
     assert to_markdown(table).startswith("Last, best and honest best")
 
 

@@ -9,12 +9,11 @@ from fl3d.reports.levels import (
     Levels,
     ap_columns,
     gains_tables,
-    is_better,
     levels_table,
     rescored_tables,
     slug,
 )
-from fl3d.reports.table import Table
+from fl3d.reports.table import Table, is_better
 from fl3d.runs.design import in_order
 from tests.reports.frames import tidy_scores
 
@@ -45,7 +44,7 @@ def test_levels_are_told_in_their_order(levels: Levels) -> None:
     assert table.column("3d_easy")[0].text == "15.00"
     assert not any(cell.bold for cell in table.rows[0])
     assert all(cell.bold for row in table.rows[1:] for cell in row[2:])
-    assert table.notes == ("a note",)
+    assert table.notes == ("a note", "One seed of training.")
 
 
 def test_numbers_are_in_order_and_texts_as_they_come() -> None:
@@ -110,7 +109,7 @@ def gains_frame(levels: Levels) -> pd.DataFrame:
                 }
                 row |= {
                     "average": average,
-                    "significant": place == 1,
+                    "marked": place == 1,
                     "one_r11_step": average == "R11",
                 }
                 row |= {"ap": 50.0 + place, "ap_low": 40.0, "ap_high": 60.0}
@@ -129,6 +128,9 @@ def test_gains_have_a_row_a_level_and_a_table_a_group(levels: Levels) -> None:
             ["2", "51.00 [40.00, 60.00]", "+1.00 [-1.00, +2.00]", "*"],
         ]
         assert table.columns[3].head == f"gain over {levels.text(levels.baseline)}"
+        assert table.legend.startswith("each interval by itself; *: the gain in R40 differs")
+    plain = gains_tables(gains_frame(levels).assign(marked=False), levels, "3d/moderate", "R40")
+    assert {table.legend for table in plain} == {"each interval by itself"}
 
 
 def test_one_recall_step_is_marked() -> None:

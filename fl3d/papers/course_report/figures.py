@@ -18,12 +18,17 @@ from fl3d.reports.levels import slug
 from fl3d.runs.finished import FinishedSweep
 
 STAGES = ("first stage", "after refinement")
+ONE_TRIAL = "Of the sweep's first trial: one level, one seed of training."
 CAPTIONS = {
-    "report_figure_4_pointrcnn": "Report, as Figure 4, of PointRCNN: overlap over epochs; dotted: second stage.",
-    "report_figure_6_pointrcnn": "Report, as Figure 6, of PointRCNN: proposals above, refined boxes below.",
-    "report_figure_4_fconvnet": "Report, Figure 4: overlap of cars over epochs; dotted: refinement sets in.",
-    "report_figure_6_fconvnet": "Report, Figures 6 and 7: Frustum ConvNet before and after refinement.",
-    "report_figure_8": "Report, Figure 8: 2D detections against ground truth.",
+    "report_figure_4_pointrcnn": "Report, as Figure 4, of PointRCNN: overlap over epochs; dotted: second stage. "
+    f"{ONE_TRIAL}",
+    "report_figure_6_pointrcnn": "Report, as Figure 6, of PointRCNN: proposals above, refined boxes below. "
+    f"{ONE_TRIAL}",
+    "report_figure_4_fconvnet": "Report, Figure 4: overlap of cars over epochs; dotted: refinement sets in. "
+    f"{ONE_TRIAL}",
+    "report_figure_6_fconvnet": "Report, Figures 6 and 7: Frustum ConvNet before and after refinement. "
+    f"{ONE_TRIAL}",
+    "report_figure_8": "Report, Figure 8: 2D detections against ground truth; no model of ours is asked.",
 }
 
 

@@ -5,7 +5,7 @@ They are fed by several sweeps: a row's trial is found by the values in which it
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -13,6 +13,7 @@ import pandas as pd
 from fl3d.evaluation.selection import select
 from fl3d.papers.base import PaperTable
 from fl3d.papers.course_report.published_cells import published_table
+from fl3d.reports.seeds import PAIRED, UNPAIRED, seeds_note
 from fl3d.reports.table import Cell, Column, Table
 from fl3d.runs.design import SEED
 from fl3d.runs.finished import FinishedSweep
@@ -21,6 +22,9 @@ from fl3d.runs.plans import FrozenTrial
 LEVELS = {"easy": "Easy", "medium": "Medium", "hard": "Hard"}
 KITTI_LEVEL = {"easy": "easy", "medium": "moderate", "hard": "hard"}
 METRICS = {"bbox": "image", "bev": "bev", "3d": "3d"}
+FINAL_METRICS = [
+    f"ap_{metric}/{KITTI_LEVEL[level]}" for level in LEVELS for metric in METRICS.values()
+]
 FCONVNET = "F-ConvNet"
 POINTRCNN = "PointRCNN"
 NAMES = {POINTRCNN: "PointRCNN", FCONVNET: "Frustum ConvNet"}
@@ -73,7 +77,8 @@ class FrustumTable(PaperTable):
         """A row a printed setting."""
         ends = _stage_ends(sweeps)
         rows: list[tuple[Cell, ...]] = []
-        base: dict[str, dict[str, float]] = {}
+        base: dict[str, list[dict[str, Any]]] = {}
+        seeds: dict[str, list[int]] = {}
         for printed in published_table(self.number).to_dict("records"):
             stage = str(printed["stage"])
             setting = str(printed["setting"])
@@ -84,10 +89,10 @@ class FrustumTable(PaperTable):
             ]
             if not own:
                 continue
-            values = {level: _mean(own, f"ap_3d/{KITTI_LEVEL[level]}") for level in LEVELS}
             if setting == "Default Parameters":
-                base.setdefault(stage, values)
-            rows.append(_frustum_row(printed, values, base.get(stage)))
+                base.setdefault(stage, own)
+            rows.append(_frustum_row(printed, own, base.get(stage, [])))
+            seeds[f"{stage}: {setting}"] = [int(row["seed"]) for row in own]
         if not rows:
             return None
         columns = (
@@ -101,25 +106,32 @@ class FrustumTable(PaperTable):
         )
         legend = "AP in percent; bold: better than the default of the same stage"
         caption = "Frustum ConvNet by setting: last models"
+        notes = (*notes, seeds_note(seeds, PAIRED))
         return Table(self.number, caption, columns, tuple(rows), legend, notes, title=self.title)
 
 
-def _mean(rows: Sequence[Mapping[str, Any]], metric: str) -> float:
-    return sum(float(row[metric]) for row in rows) / len(rows)
+def _texts(rows: Sequence[Mapping[str, Any]], seeds: Collection[int]) -> list[str]:
+    """Printed 3D APs by level, the mean of those rows that are of some seeds."""
+    own = [row for row in rows if row["seed"] in seeds]
+    metrics = [f"ap_3d/{KITTI_LEVEL[level]}" for level in LEVELS]
+    return [f"{sum(float(row[metric]) for row in own) / len(own):.6f}" for metric in metrics]
 
 
 def _frustum_row(
     printed: Mapping[Hashable, Any],
-    values: Mapping[str, float],
-    default: Mapping[str, float] | None,
+    own: Sequence[Mapping[str, Any]],
+    default: Sequence[Mapping[str, Any]],
 ) -> tuple[Cell, ...]:
+    """Means of some trials; bold where better than the default's, by the seeds that both have."""
     refined = "Final Refinement" if printed["stage"] == SECOND else ""
     section = str(printed["section"]) or refined
-    texts = {level: f"{value:.6f}" for level, value in values.items()}
-    ours = []
-    for level in LEVELS:
-        better = default is not None and float(texts[level]) > float(f"{default[level]:.6f}")
-        ours.append(Cell(texts[level], better))
+    seeds = {row["seed"] for row in own}
+    shared = seeds & {row["seed"] for row in default}
+    better = [False] * len(LEVELS)
+    if shared:
+        pairs = zip(_texts(own, shared), _texts(default, shared), strict=True)
+        better = [float(text) > float(base) for text, base in pairs]
+    ours = [Cell(text, bold) for text, bold in zip(_texts(own, seeds), better, strict=True)]
     theirs = [
         Cell(str(printed[f"3d_{level}"]), printed[f"3d_{level}_bold"] == "1") for level in LEVELS
     ]
@@ -173,10 +185,14 @@ class DetectorsTable(PaperTable):
 
     def make(self, sweeps: Sequence[FinishedSweep], notes: tuple[str, ...]) -> Table | None:
         """Two rows a detector: ours and the report's."""
-        texts = {detector: self._texts(sweeps, detector) for detector in NAMES}
-        texts = {detector: own for detector, own in texts.items() if own}
-        if not texts:
+        models = {detector: self._models(sweeps, detector) for detector in NAMES}
+        models = {detector: own for detector, own in models.items() if len(own)}
+        if not models:
             return None
+        texts = {
+            detector: [f"{own[metric].mean():.1f}" for metric in FINAL_METRICS]
+            for detector, own in models.items()
+        }
         printed = {row["method"]: row for row in published_table(self.number).to_dict("records")}
         keys = [f"{level}_{name}" for level in LEVELS for name in METRICS]
         best = [max(float(own[place]) for own in texts.values()) for place in range(len(keys))]
@@ -204,15 +220,19 @@ class DetectorsTable(PaperTable):
         )
         legend = "AP in percent; bold: the better of the two"
         caption = "PointRCNN and Frustum ConvNet"
+        seeds = seeds_note({NAMES[name]: own["seed"] for name, own in models.items()}, UNPAIRED)
         return Table(
-            self.number, caption, columns, tuple(rows), legend, (*notes, more), title=self.title
+            self.number,
+            caption,
+            columns,
+            tuple(rows),
+            legend,
+            (*notes, seeds, more),
+            title=self.title,
         )
 
-    def _texts(self, sweeps: Sequence[FinishedSweep], detector: str) -> list[str]:
-        """Printed APs of a detector's final models; of several settings of the best, seeds averaged."""
-        metrics = [
-            f"ap_{metric}/{KITTI_LEVEL[level]}" for level in LEVELS for metric in METRICS.values()
-        ]
+    def _models(self, sweeps: Sequence[FinishedSweep], detector: str) -> pd.DataFrame:
+        """A detector's final models, a row a seed; of several settings those of the highest mean."""
         parts = []
         for sweep in sweeps:
             settings = {t.key: self.row_of(t.plan) for t in sweep.trials if t.detector == detector}
@@ -221,10 +241,9 @@ class DetectorsTable(PaperTable):
             parts.append(last.dropna(subset="setting"))
         every = pd.concat(parts, ignore_index=True)
         if every.empty:
-            return []
-        means = every.groupby("setting")[metrics].mean()
-        best = means.iloc[int(means["ap_3d/moderate"].to_numpy().argmax())]
-        return [f"{best[metric]:.1f}" for metric in metrics]
+            return every
+        means = every.groupby("setting")["ap_3d/moderate"].mean()
+        return every[every["setting"] == means.index[int(means.to_numpy().argmax())]]
 
 
 FRUSTUM = FrustumTable()

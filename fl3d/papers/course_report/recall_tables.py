@@ -9,6 +9,7 @@ from fl3d.core.errors import ConfigError
 from fl3d.evaluation.selection import select
 from fl3d.papers.base import PaperTable
 from fl3d.papers.course_report.published_cells import published_table
+from fl3d.reports.seeds import UNPAIRED, seeds_note
 from fl3d.reports.table import Cell, Column, Table
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.plans import FrozenTrial
@@ -75,9 +76,17 @@ class RecallTable(PaperTable):
             ),
         )
         legend = f"{LEGEND}; bold: best of its column" if self.has_bold else LEGEND
+        notes = (*notes, self._seeds(sweeps[0]))
         return Table(
             self.number, self.caption, columns, tuple(cells), legend, notes, title=self.title
         )
+
+    def _seeds(self, sweep: FinishedSweep) -> str:
+        """Of how many seeds the rows are."""
+        seeds: dict[str, list[int]] = {}
+        for trial in sweep.trials:
+            seeds.setdefault(" / ".join(self.front(trial.plan)), []).append(trial.seed)
+        return seeds_note(seeds, UNPAIRED if self.has_bold else "")
 
     def _rows(self, sweep: FinishedSweep) -> dict[Front, list[str]]:
         """Printed recalls by front texts, in the order of what they are swept over."""

@@ -22,12 +22,18 @@ from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.spec import read_spec
 
 COUNTED = 1000  # training frames over which positives by height are counted
+FIRST_SEED = "Models of the first seed of training that each γ has."
 CAPTIONS = {
-    "figure_1_3dfcn": "Figure 1. 3D-FCN: BCE above, focal loss below; ground truth purple, estimates blue.",
-    "figure_1_voxelnet": "Figure 1. VoxelNet: BCE above, focal loss below; ground truth purple, estimates blue.",
-    "figure_4": "Figure 4. Cumulative normalised loss of the best focal models' windows, under each γ.",
-    "figure_5": "Figure 5. Posterior probability of positive windows, last models.",
-    "imbalance_by_height": "Positive windows of 3D-FCN by height, and how many negatives stand against each (§III-B).",
+    "figure_1_3dfcn": "Figure 1. 3D-FCN: BCE above, focal loss below; ground truth purple, estimates blue. "
+    f"{FIRST_SEED}",
+    "figure_1_voxelnet": "Figure 1. VoxelNet: BCE above, focal loss below; ground truth purple, estimates blue. "
+    f"{FIRST_SEED}",
+    "figure_4": "Figure 4. Cumulative normalised loss of the best focal models' windows, under each γ. "
+    f"{FIRST_SEED}",
+    "figure_5": "Figure 5. Posterior probability of positive windows, last models; of each γ the windows of all its "
+    "seeds of training, pooled.",
+    "imbalance_by_height": "Positive windows of 3D-FCN by height, and how many negatives stand against each (§III-B); "
+    "of labels and windows alone, no model is asked.",
 }
 
 

@@ -1,211 +1,179 @@
-"""Sentences of the paper about gains: what was printed, what its own cells give, and what ours do. Pure."""
+"""Sentences of the paper about gains: what was printed, what its own cells give, and what ours say. Pure.
+
+A sentence names the largest or the smallest of many gains. Under no effect the largest of many noisy gains is above
+zero and the smallest below, so their signs say nothing. What ours say comes from intervals of all these gains that hold
+at once: the largest true gain then lies between the largest of their lower ends and the largest of their upper ones.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
 
 import pandas as pd
 
+from fl3d.evaluation.intervals import Interval, Sample, joint_intervals
+from fl3d.papers.focal_loss.claim import Claim, interval_text, seeds_in, too_few, word_of
 from fl3d.papers.focal_loss.published_cells import published_table
 from fl3d.papers.focal_loss.tables import LAST_TABLES
-from fl3d.reports.levels import is_better
-from fl3d.reports.table import AP_COLUMNS, Cell, Column, Table
+from fl3d.reports.table import AP_COLUMNS
 
-DASH = "–"
+# Gains over gamma = 0 of one detector's last models, by gamma and AP column, ...
+Gains = Mapping[tuple[float, str], Sample]
+# ... and by average: R11, in which the paper prints, and R40, which has fewer recall steps and gives the words.
+GainsByAverage = Mapping[str, Gains]
+PRINTED_IN = "R11"
+JUDGED_IN = "R40"
+ROUNDED = 0.0501  # printed with one decimal
+
+
+class Extreme(StrEnum):
+    """Which of many gains a sentence names."""
+
+    LARGEST_GAIN = "largest gain"
+    SMALLEST_GAIN = "smallest gain"
+    LARGEST_LOSS = "largest loss"
+
+    def of_gains(self, found: Sequence[Interval]) -> Interval:
+        """Where the extreme gain lies, of intervals that hold all at once."""
+        pick = max if self is Extreme.LARGEST_GAIN else min
+        return Interval(
+            pick(one.value for one in found),
+            pick(one.low for one in found),
+            pick(one.high for one in found),
+        )
+
+    def as_told(self, gain: Interval) -> Interval:
+        """A loss is a gain with its sign changed."""
+        is_loss = self is Extreme.LARGEST_LOSS
+        return Interval(-gain.value, -gain.high, -gain.low) if is_loss else gain
+
+    def cells(self, word: str, n_cells: int) -> str:
+        """Of how many of the gains a word is said where it is said of the extreme one."""
+        is_of_all = word == ("smaller" if self is Extreme.LARGEST_GAIN else "larger")
+        return f"{word} in {'all' if is_of_all else 'at least one of'} {n_cells} cells"
 
 
 @dataclass(frozen=True)
-class Claim:
-    """One sentence.
+class Sentence:
+    """A sentence about the gains of last models over gamma = 0, in all metrics and difficulties of the tables.
 
     Args:
-        where: section or table.
-        text: of the claim, in our words.
-        printed: as the paper prints it.
-        recomputed: from the paper's own cells or networks; empty where that cannot be.
-        ours: from our store; empty where it holds nothing for it.
-        verdict: of both.
+        where: section.
+        says: which gain it names.
+        detector: whose.
+        gammas: over which it ranges.
+        meant: these gammas in words.
+        printed: its number; None: the paper is silent.
     """
 
     where: str
-    text: str
-    printed: str
-    recomputed: str
-    ours: str
-    verdict: str
+    says: Extreme
+    detector: str
+    gammas: tuple[float, ...]
+    meant: str
+    printed: float | None
+
+    @property
+    def text(self) -> str:
+        """In our words."""
+        return f"{self.says} of {self.detector} for {self.meant}"
 
 
-def claims_table(claims: Sequence[Claim], notes: tuple[str, ...] = ()) -> Table:
-    """All claims, a row each."""
-    heads = ("where", "claim", "printed", "from its own cells", "ours", "verdict")
-    columns = tuple(Column(head.replace(" ", "_"), head) for head in heads)
-    rows = tuple(
-        tuple(
-            Cell(text or DASH)
-            for text in (c.where, c.text, c.printed, c.recomputed, c.ours, c.verdict)
-        )
-        for c in claims
+LARGEST, SMALLEST, LOSS = Extreme
+TO_TWO = (0.1, 0.2, 0.5, 1.0, 2.0)
+ODD = (0.1, 0.5, 1.0)
+EVEN = (0.2, 2.0)
+SENTENCES = (
+    Sentence("abstract, §VI-A", LARGEST, "3D-FCN", TO_TWO, "0 < γ ≤ 2", 11.2),
+    Sentence("§VI-A", SMALLEST, "3D-FCN", TO_TWO, "0 < γ ≤ 2", 0.3),
+    Sentence("§VI, arXiv", SMALLEST, "3D-FCN", TO_TWO, "0 < γ ≤ 2", 0.5),
+    Sentence("§VI-A", SMALLEST, "VoxelNet", ODD, "γ = 0.1, 0.5, 1", 0.6),
+    Sentence("§VI-A", LARGEST, "VoxelNet", ODD, "γ = 0.1, 0.5, 1", 9.1),
+    Sentence("§VI-A", LOSS, "VoxelNet", EVEN, "γ = 0.2, 2", 2.7),
+    Sentence("(not said)", LOSS, "VoxelNet", (5.0,), "γ = 5", None),
+)
+
+
+def gain_claims(ours: Mapping[str, GainsByAverage], looks: tuple[int, ...] = ()) -> list[Claim]:
+    """The claims about gains of last models (abstract, §VI-A), each by intervals that hold for all its cells at once.
+
+    Args:
+        ours: by detector, gains of our last models.
+        looks: numbers of seeds after which they were looked at, see ``evaluation.intervals.member_alpha``.
+    """
+    return [_claim(sentence, ours.get(sentence.detector, {}), looks) for sentence in SENTENCES]
+
+
+def _claim(sentence: Sentence, ours: GainsByAverage, looks: tuple[int, ...]) -> Claim:
+    theirs = published_gain(sentence)
+    found = {
+        average: {place: gain for place, gain in gains.items() if place[0] in sentence.gammas}
+        for average, gains in ours.items()
+    }
+    slip = "" if sentence.printed is None else _slip(sentence.printed, theirs)
+    shown, said = _ours(sentence, found, looks) if any(found.values()) else ("", "")
+    return Claim(
+        sentence.where,
+        sentence.text + _met(sentence, found.get(JUDGED_IN, {})),
+        "" if sentence.printed is None else f"{sentence.printed:g}",
+        f"{theirs:.2f}",
+        shown,
+        "; ".join(part for part in (slip, said) if part),
     )
-    return Table("claims", "Claims of the paper that state a number", columns, rows, "", notes)
 
 
+@cache  # several sentences are about it
 def published_last(detector: str) -> pd.DataFrame:
     """Published last models: APs as numbers, by gamma."""
     frame = published_table(LAST_TABLES[detector].number)
     return frame[list(AP_COLUMNS)].astype(float).set_axis(frame["gamma"].astype(float), axis=0)
 
 
-def gains_over_zero(aps: pd.DataFrame, gammas: Sequence[float]) -> pd.DataFrame:
-    """Gains of some gammas over gamma = 0: a row a gamma, a column a metric; empty without gamma = 0."""
-    if 0.0 not in aps.index:
-        return aps.iloc[:0]
-    return aps.loc[[g for g in aps.index if g in gammas]] - aps.loc[0.0]
-
-
-def gain_claims(ours: dict[str, pd.DataFrame]) -> list[Claim]:
-    """The claims about gains of last models (abstract, §VI-A).
-
-    Args:
-        ours: by detector, APs of our last models by gamma, columns as ``AP_COLUMNS``.
-    """
-    found = []
-    for where, text, detector, gammas, sign, printed in (
-        (
-            "abstract, §VI-A",
-            "largest gain of 3D-FCN for 0 < γ ≤ 2",
-            "3D-FCN",
-            (0.1, 0.2, 0.5, 1, 2),
-            1,
-            11.2,
-        ),
-        ("§VI-A", "smallest gain of 3D-FCN for 0 < γ ≤ 2", "3D-FCN", (0.1, 0.2, 0.5, 1, 2), 0, 0.3),
-        (
-            "§VI, arXiv",
-            "smallest gain of 3D-FCN for 0 < γ ≤ 2",
-            "3D-FCN",
-            (0.1, 0.2, 0.5, 1, 2),
-            0,
-            0.5,
-        ),
-        (
-            "§VI-A",
-            "smallest gain of VoxelNet for γ = 0.1, 0.5, 1",
-            "VoxelNet",
-            (0.1, 0.5, 1),
-            0,
-            0.6,
-        ),
-        (
-            "§VI-A",
-            "largest gain of VoxelNet for γ = 0.1, 0.5, 1",
-            "VoxelNet",
-            (0.1, 0.5, 1),
-            1,
-            9.1,
-        ),
-        ("§VI-A", "largest loss of VoxelNet for γ = 0.2, 2", "VoxelNet", (0.2, 2), -1, 2.7),
-        ("(not said)", "largest loss of VoxelNet for γ = 5", "VoxelNet", (5,), -1, None),
-    ):
-        theirs = _extreme(gains_over_zero(published_last(detector), gammas), sign)
-        own = (
-            _extreme(gains_over_zero(ours.get(detector, pd.DataFrame()), gammas), sign)
-            if detector in ours
-            else None
-        )
-        slip = "" if printed is None else _slip(printed, theirs)
-        verdict = "; ".join(part for part in (slip, _ours(own, sign)) if part)
-        shown = "" if printed is None else f"{printed:g}"
-        own = None if own is None or pd.isna(own) else own
-        met = [g for g in gammas if detector in ours and g in ours[detector].index]
-        text += (
-            ""
-            if own is None or len(met) == len(gammas)
-            else f" (ours: γ = {', '.join(f'{g:g}' for g in met)})"
-        )
-        found.append(
-            Claim(where, text, shown, f"{theirs:.2f}", "" if own is None else f"{own:.2f}", verdict)
-        )
-    return found
-
-
-def _extreme(gains: pd.DataFrame, sign: int) -> float:
-    """The largest gain (1), the smallest (0) or the largest loss (-1), over rows and metrics; NaN for none."""
-    if gains.empty:
-        return float("nan")
-    values = gains.to_numpy()
-    return float({1: values.max(), 0: values.min(), -1: -values.min()}[sign])
+def published_gain(sentence: Sentence) -> float:
+    """What a sentence names, of the paper's own cells."""
+    aps = published_last(sentence.detector)
+    gains = (aps.loc[list(sentence.gammas)] - aps.loc[0.0]).to_numpy().ravel()
+    found = sentence.says.of_gains([Interval(gain, gain, gain) for gain in gains])
+    return float(sentence.says.as_told(found).value)
 
 
 def _slip(printed: float, recomputed: float) -> str:
-    if abs(recomputed - printed) < 0.0501:
+    if abs(recomputed - printed) < ROUNDED:
         return "printed correctly"
     return "printed cut off, not rounded" if 0 < recomputed - printed < 0.1 else "printed wrong"
 
 
-def _ours(own: float | None, sign: int) -> str:
-    if own is None:
+def _met(sentence: Sentence, gains: Gains) -> str:
+    """Which of the sentence's gammas ours are of, where they are not all."""
+    met = {gamma for gamma, _ in gains}
+    if not met or met == set(sentence.gammas):
         return ""
-    if sign == -1:
-        return "lower in ours too" if own > 0 else "not lower in ours"
-    return "higher in ours too" if own > 0 else "lower in ours"
+    return f" (ours: γ = {', '.join(f'{gamma:g}' for gamma in sorted(met))})"
 
 
-def best_claim(ours: pd.DataFrame) -> Claim:
-    """Table IV: the focal loss improves all metrics of the best models.
-
-    Args:
-        ours: see ``tables.best_pairs``; APs in its columns.
-    """
-    theirs = published_table("IV")
-    counts = []
-    for frame, columns in ((theirs, list(AP_COLUMNS)), (ours, list(AP_COLUMNS.values()))):
-        better = total = 0
-        for _, pair in frame.groupby("detector"):
-            zero, focal = (
-                pair[pair["gamma"].astype(float) == 0],
-                pair[pair["gamma"].astype(float) > 0],
-            )
-            if len(zero) and len(focal):
-                wins = [is_better(float(focal.iloc[0][c]), float(zero.iloc[0][c])) for c in columns]
-                better, total = better + sum(wins), total + len(columns)
-        counts.append((better, total))
-    (a, n), (b, m) = counts
-    verdict = "false by one cell (VoxelNet 3D hard, 0.01)" if a < n else "holds"
-    verdict += f"; ours: {'all' if b == m else 'not all'}" if m else ""
-    ours_text = f"{b} of {m}" if m else ""
-    return Claim(
-        "§VI-A, Table IV",
-        "metrics of the best models that γ > 0 improves",
-        "all",
-        f"{a} of {n}",
-        ours_text,
-        verdict,
-    )
-
-
-def step_claims(epoch_steps: int = 3712) -> list[Claim]:
-    """Table IV prints steps in thousands: they are whole epochs of the 3712 training frames."""
-    found, seen = [], set()
-    rows = [("Table IV", row) for row in published_table("IV").to_dict("records")]
-    rows += [("Table IV, arXiv", row) for row in published_table("IV_arxiv").to_dict("records")]
-    for where, row in rows:
-        if (row["detector"], row["step"]) in seen:
-            continue
-        seen.add((row["detector"], row["step"]))
-        printed = float(str(row["step"]).rstrip("k")) * 1000
-        epochs = round(printed / epoch_steps)
-        text = f"step of the best {row['detector']}, γ = {row['gamma']}"
-        recomputed = f"{epochs} epochs = {epochs * epoch_steps:,}"
-        near = abs(epochs * epoch_steps - printed) < 1000
-        found.append(
-            Claim(
-                where,
-                text,
-                str(row["step"]),
-                recomputed,
-                "",
-                "printed correctly" if near else "printed wrong",
-            )
-        )
-    return found
+def _ours(sentence: Sentence, ours: GainsByAverage, looks: tuple[int, ...]) -> tuple[str, str]:
+    """The gain that a sentence names in ours, and what is said of it."""
+    says = sentence.says
+    found = {
+        average: says.of_gains(joint_intervals(list(gains.values()), looks=looks))
+        for average, gains in ours.items()
+    }
+    counts = sorted({len(gain.values) for gain in ours[JUDGED_IN].values()})
+    over = seeds_in(counts[0]) if len(counts) == 1 else f"{counts[0]} to {seeds_in(counts[-1])}"
+    shown = [f"{average} {interval_text(says.as_told(one))}" for average, one in found.items()]
+    text = "; ".join([*shown, over])
+    few = too_few(counts[0])
+    if few:
+        return text, f"ours: {few}"
+    word = word_of(found[JUDGED_IN])
+    if found[JUDGED_IN].excludes_zero:
+        word = says.cells(word, len(ours[JUDGED_IN]))
+    parts = [f"ours: {word} ({JUDGED_IN})"]
+    if sentence.printed is not None:
+        own = says.as_told(found[PRINTED_IN])
+        side = "within" if own.low <= sentence.printed <= own.high else "outside"
+        parts.append(f"{sentence.printed:g} lies {side} ours ({PRINTED_IN})")
+    return text, "; ".join(parts)

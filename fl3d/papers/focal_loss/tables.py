@@ -6,13 +6,15 @@ from collections.abc import Hashable, Sequence
 
 import pandas as pd
 
+from fl3d.analysis.found import Judged
 from fl3d.core.errors import ConfigError
 from fl3d.evaluation.selection import MEAN_3D
 from fl3d.papers.base import PaperTable, with_values
 from fl3d.papers.beside import Published, beside
 from fl3d.papers.focal_loss.published_cells import ARXIV, published_table
+from fl3d.papers.judged_views import intervals_by_level
 from fl3d.reports.intervals import with_intervals
-from fl3d.reports.levels import is_better
+from fl3d.reports.seeds import PAIRED, better_in_pairs, seeds_note
 from fl3d.reports.table import AP_COLUMNS, APS, Cell, Column, Table
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.plans import FrozenTrial
@@ -23,7 +25,10 @@ BASE = "better than γ = 0"
 BOLD = f"AP in percent; bold: {BASE}"
 FORMS = {False: "Original", True: "Enhanced"}
 METRICS = list(AP_COLUMNS.values())
-SELECTED = "The intervals do not cover the choice of checkpoint and γ on the same frames."
+SELECTED = (
+    "Checkpoint and γ were chosen on these frames, which the intervals do not cover: no gain is marked here, and bold "
+    "alone says nothing (choosing among equals makes four of five cells bold)."
+)
 
 
 def gamma_of(trial: FrozenTrial) -> float:
@@ -61,16 +66,19 @@ class LastModels(PaperTable):
 
     def make(self, sweeps: Sequence[FinishedSweep], notes: tuple[str, ...]) -> Table | None:
         """A row a gamma."""
-        chosen = by_gamma(sweeps[0], "last", self)
-        if chosen.empty:
+        models = models_by_gamma(sweeps[0], "last", self)
+        if models.empty:
             return None
-        base = baseline(chosen)
-        rows = tuple(
-            (Cell(f"{row['gamma']:g}"), *_ap_cells(row, base)) for _, row in chosen.iterrows()
-        )
+        base = models[models["gamma"] == 0]
+        rows = []
+        seeds = {}
+        for gamma, own in models.groupby("gamma", sort=True):
+            rows.append((Cell(f"{gamma:g}"), *_ap_cells(own, base)))
+            seeds[f"γ = {gamma:g}"] = own["seed"]
         caption = f"Evaluation results on the validation split for last models of {self.detector}"
         columns = (Column("gamma", "γ"), *APS)
-        return Table(self.number, caption, columns, rows, BOLD, notes, title=self.title)
+        notes = (*notes, seeds_note(seeds, PAIRED))
+        return Table(self.number, caption, columns, tuple(rows), BOLD, notes, title=self.title)
 
     def beside(self, table: Table) -> Table | None:
         """Rows are matched by gamma."""
@@ -78,12 +86,9 @@ class LastModels(PaperTable):
         published = Published(rows=printed, base_of=lambda key: "0", is_ordered=True)
         return beside(table, [cell.text for cell in table.column("gamma")], published)
 
-    def intervals(self, table: Table, gains: pd.DataFrame) -> Table | None:
-        """Gains over gamma = 0; None where no trial of it is done."""
-        own = gains[gains["group"] == self.detector]
-        if own.empty:
-            return None
-        return with_intervals(table, own.assign(row=own["level"]), BASE)
+    def intervals(self, table: Table, judged: Judged) -> Table | None:
+        """Gains over the baseline; None where no trial of it is done."""
+        return intervals_by_level(table, judged, self.detector, BASE)
 
 
 class BestModels(PaperTable):
@@ -103,10 +108,14 @@ class BestModels(PaperTable):
         pairs = best_pairs(sweeps[0])
         if pairs.empty:
             return None
+        models = models_by_gamma(sweeps[0], self.rule, self)
         rows = []
+        seeds = {}
         for _, row in pairs.iterrows():
-            base = baseline(pairs[pairs["detector"] == row["detector"]])
-            rows.append((*_front_cells(row), *_ap_cells(row, base)))
+            same = models[models["detector"] == row["detector"]]
+            own = same[same["gamma"] == row["gamma"]]
+            rows.append((*_front_cells(row), *_ap_cells(own, same[same["gamma"] == 0])))
+            seeds[f"{row['detector']} γ = {row['gamma']:g}"] = own["seed"]
         columns = (
             Column("detector", "Detector"),
             Column("gamma", "γ"),
@@ -115,6 +124,7 @@ class BestModels(PaperTable):
             *APS,
         )
         caption = "Evaluation results on the validation split for best models"
+        notes = (*notes, seeds_note(seeds, PAIRED))
         order = ("detector", "lr", "step", "gamma", *AP_COLUMNS)
         return Table(
             self.number, caption, columns, tuple(rows), BOLD, notes, order, title=self.title
@@ -135,8 +145,9 @@ class BestModels(PaperTable):
         ]
         return beside(table, keys, published, (f"The paper's rows: {'; '.join(theirs)}.",))
 
-    def intervals(self, table: Table, gains: pd.DataFrame) -> Table:
-        """Gains over gamma = 0 of the best models; the choice itself is not resampled."""
+    def intervals(self, table: Table, judged: Judged) -> Table:
+        """APs of the best models, and no marks: checkpoint and gamma were chosen on the frames that judge them."""
+        gains = judged.gains
         rows = gains.assign(row=gains["group"] + " " + gains["level"])
         view = with_intervals(table, rows, BASE, key_columns=2)
         return view.with_notes(*view.notes, SELECTED)
@@ -170,15 +181,16 @@ class LossForms(PaperTable):
         )
         if chosen.empty:
             return None
-        means = chosen.groupby("normalize", sort=True)[METRICS].mean().reset_index()
         rows = []
-        for _, row in means.iterrows():
-            others = means[means["normalize"] != row["normalize"]]
-            cells = _ap_cells(row, others.iloc[0] if len(others) else None)
-            rows.append((Cell(FORMS[bool(row["normalize"])]), *cells))
+        seeds = {}
+        for form, own in chosen.groupby("normalize", sort=True):
+            name = FORMS[bool(form)]
+            rows.append((Cell(name), *_ap_cells(own, chosen[chosen["normalize"] != form])))
+            seeds[name] = own["seed"]
         caption = f"Evaluation results of last models of {self.detector} for the original and the enhanced loss"
         legend = "AP in percent; bold: the better one"
         columns = (Column("loss", "Loss"), *APS)
+        notes = (*notes, seeds_note(seeds, PAIRED))
         return Table(self.number, caption, columns, tuple(rows), legend, notes, title=self.title)
 
     def beside(self, table: Table) -> Table | None:
@@ -187,14 +199,10 @@ class LossForms(PaperTable):
         published = Published(rows=printed, base_of=lambda key: FORMS[False])
         return beside(table, [cell.text for cell in table.column("loss")], published)
 
-    def intervals(self, table: Table, gains: pd.DataFrame) -> Table | None:
+    def intervals(self, table: Table, judged: Judged) -> Table | None:
         """Gains over the original loss; None where no trial of it is done."""
-        own = gains[gains["group"] == self.detector]
-        if own.empty:
-            return None
-        return with_intervals(
-            table, own.assign(row=own["level"].str.capitalize()), "the better one"
-        )
+        bold = "better than the original"
+        return intervals_by_level(table, judged, self.detector, bold, row_of=str.capitalize)
 
 
 LAST_3D_FCN = LastModels("focal_loss.last_3d_fcn", "II", "3D-FCN")
@@ -224,8 +232,8 @@ def best_pairs(sweep: FinishedSweep) -> pd.DataFrame:
     return pd.DataFrame(pairs).reset_index(drop=True)
 
 
-def by_gamma(sweep: FinishedSweep, rule: str, table: PaperTable) -> pd.DataFrame:
-    """Rows of a table by detector and gamma; trials that differ in their seed alone are averaged.
+def models_by_gamma(sweep: FinishedSweep, rule: str, table: PaperTable) -> pd.DataFrame:
+    """Models that have a row in a table, with their ``gamma`` and ``lr``; those of a row differ in their seed alone.
 
     Raises:
         ConfigError: trials share a row and differ in more than their seed.
@@ -236,7 +244,12 @@ def by_gamma(sweep: FinishedSweep, rule: str, table: PaperTable) -> pd.DataFrame
     chosen = with_values(
         sweep, chosen[chosen["trial"].isin(own)], {"gamma": GAMMA, "lr": "optimizer.lr"}
     )
-    chosen = chosen.assign(gamma=chosen["gamma"].astype(float))
+    return chosen.assign(gamma=chosen["gamma"].astype(float))
+
+
+def by_gamma(sweep: FinishedSweep, rule: str, table: PaperTable) -> pd.DataFrame:
+    """Rows of a table by detector and gamma, each the mean of its own seeds; raises as ``models_by_gamma`` does."""
+    chosen = models_by_gamma(sweep, rule, table)
     rows = []
     for _, twins in chosen.groupby(["detector", "gamma"], sort=True):
         row = twins.iloc[0].copy()
@@ -253,9 +266,10 @@ def baseline(chosen: pd.DataFrame) -> pd.Series | None:
     return zero.iloc[0] if len(zero) else None
 
 
-def _ap_cells(row: pd.Series, base: pd.Series | None) -> list[Cell]:
-    """Two decimals; bold where better than the base."""
-    return [Cell(f"{row[m]:.2f}", base is not None and is_better(row[m], base[m])) for m in METRICS]
+def _ap_cells(own: pd.DataFrame, base: pd.DataFrame) -> list[Cell]:
+    """Means of some seeds, two decimals; bold where better than the base."""
+    better = better_in_pairs(own, base, METRICS)
+    return [Cell(f"{own[m].mean():.2f}", bold) for m, bold in zip(METRICS, better, strict=True)]
 
 
 def _front_cells(row: pd.Series) -> list[Cell]:

@@ -16,6 +16,8 @@ from fl3d.reports.levels import Levels, ap_columns
 
 MARKS = {"easy": ("^", ":"), "moderate": ("o", "-"), "hard": ("v", "--")}
 METRIC = "ap_3d/moderate"
+ROOM = 0.5  # below and above the curves, as a share of what they reach over
+BAND = 0.08  # strength of a band over seeds: above seven that overlap, all lines show in grey
 
 
 def ap_over_steps(
@@ -23,8 +25,10 @@ def ap_over_steps(
 ) -> list[Path]:
     """3D AP moderate of every checkpoint; last and best marked, the step at which the last stage begins dotted.
 
+    Curves and marks of a level are means over its own seeds; a band reaches from its lowest to its highest seed.
+
     Args:
-        scores: tidy; seeds are averaged.
+        scores: tidy.
         last: the last checkpoint of each trial.
         best: likewise.
         levels: of the sweep.
@@ -40,10 +44,15 @@ def ap_over_steps(
         own = data[data["group"] == group]
         for level, (color, _) in shades(levels.labels):
             some = own[own["level"] == level]
-            curve = some.groupby("step")[METRIC].mean()
-            axes.plot(curve.index, curve, color=color, lw=1, label=levels.text(level))
+            if some.empty:
+                continue
+            by_step = some.groupby("step")[METRIC].agg(["mean", "min", "max"])
+            if some["seed"].nunique() > 1:
+                look = {"color": color, "alpha": BAND, "lw": 0, "zorder": 1}
+                axes.fill_between(by_step.index, by_step["min"], by_step["max"], **look)
+            axes.plot(by_step.index, by_step["mean"], color=color, lw=1, label=levels.text(level))
             for rule, marker, size in (("last", "o", 3), ("best", "*", 6)):
-                at = some[some[rule]]
+                at = some[some[rule]][["step", METRIC]].mean()
                 axes.plot(at["step"], at[METRIC], color=color, ls="", marker=marker, ms=size)
         fork = scores[scores["group"] == group]["first_own_step"].iloc[0]
         axes.axvline(fork, color="0.6", lw=0.8, ls=":")
@@ -65,11 +74,12 @@ def ap_over_level(
         last: the last checkpoint of each trial; seeds are averaged.
         levels: of the sweep.
         path: without ending.
-        gains: see ``analysis.gains.gains``; with it, 3D moderate has its 95 % intervals as bars.
+        gains: see ``analysis.gains.gains``; with it, 3D moderate has its 95 % intervals as bars, and APs are of the
+            seeds that these are of.
     """
     metrics = list(ap_columns("R11").values())
-    means = last.groupby(["group", "level"])[metrics].mean().reset_index()
-    data = means if gains is None else means.merge(_ends(gains), on=["group", "level"], how="left")
+    data = last.groupby(["group", "level"])[metrics].mean().reset_index()
+    data = data if gains is None else _with_intervals(data, gains)
     data = levels.sorted(data).sort_values("group", kind="stable").reset_index(drop=True)
 
     def panel(axes: Axes, group: str) -> None:
@@ -91,9 +101,10 @@ def ap_over_level(
                     label=label,
                 )
                 if metric == METRIC and f"{metric} low" in own:
-                    _bars(axes, places + shift, own, metric, color)
+                    _bars(axes, places + shift, own, color)
                 if len(base):
                     axes.axhline(base[metric].iloc[0], color=color, lw=0.5, ls=line, alpha=0.4)
+        _keep_in_sight(axes, own[metrics].to_numpy())
         long = max(len(level) for level in own["level"]) > 6
         axes.set_xticks(
             places, list(own["level"]), rotation=30 if long else 0, ha="right" if long else "center"
@@ -104,21 +115,33 @@ def ap_over_level(
     return [write_data(data, path), *panels(sorted(data["group"].unique()), path, panel, 3, 3.2)]
 
 
-def _bars(axes: Axes, places: np.ndarray, own: pd.DataFrame, metric: str, color: str) -> None:
-    aps = own[metric].to_numpy()
-    bars = np.maximum(0, [aps - own[f"{metric} low"], own[f"{metric} high"] - aps])
+def _keep_in_sight(axes: Axes, aps: np.ndarray) -> None:
+    """Let bars leave the panel where they would press the curves flat: of two seeds they reach over 50 AP."""
+    low, high = float(aps.min()), float(aps.max())
+    room = max(high - low, 5.0) * ROOM
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low - room), min(top, high + room))
+
+
+def _bars(axes: Axes, places: np.ndarray, own: pd.DataFrame, color: str) -> None:
+    aps = own[METRIC].to_numpy()
+    bars = np.maximum(0, [aps - own[f"{METRIC} low"], own[f"{METRIC} high"] - aps])
     axes.errorbar(places, aps, bars, fmt="none", ecolor=color, elinewidth=0.7, capsize=1.5)
 
 
-def _ends(gains: pd.DataFrame) -> pd.DataFrame:
-    """Ends of the intervals of R11, a column for each metric."""
+def _with_intervals(means: pd.DataFrame, gains: pd.DataFrame) -> pd.DataFrame:
+    """APs and the ends of their intervals, a column for each metric; a group without gains keeps its means."""
     own = gains[gains["average"] == "R11"].copy()
     own["name"] = "ap_" + own["metric"] + "/" + own["difficulty"]
-    parts = []
-    for end in ("low", "high"):
-        wide = own.pivot_table(index=["group", "level"], columns="name", values=f"ap_{end}")
-        parts.append(wide.add_suffix(f" {end}"))
-    return pd.concat(parts, axis=1).reset_index()
+    places = ["group", "level"]
+    wide = own.pivot(index=places, columns="name", values=["ap", "ap_low", "ap_high"])
+    ends = [wide[f"ap_{end}"].add_suffix(f" {end}") for end in ("low", "high")]
+    data = means.merge(pd.concat(ends, axis=1).reset_index(), on=places, how="left")
+    keys = pd.MultiIndex.from_frame(data[places])
+    for name, aps in wide["ap"].items():
+        if name in data:
+            data[name] = aps.reindex(keys).fillna(data[name].set_axis(keys)).to_numpy()
+    return data
 
 
 def ap_over_cut(rescored: pd.DataFrame, levels: Levels, path: Path) -> list[Path]:

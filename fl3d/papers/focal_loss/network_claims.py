@@ -1,0 +1,93 @@
+"""Sentences of the paper about its networks at full size: windows, layers and voxels."""
+
+from __future__ import annotations
+
+import numpy as np
+from torch import nn
+
+from fl3d.config.compose import compose_config
+from fl3d.data.voxels import occupancy
+from fl3d.detectors.fcn3d import FCN3D
+from fl3d.detectors.voxelnet import VoxelNet
+from fl3d.inference.load import build_detector
+from fl3d.papers.focal_loss.claim import Claim
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.spec import read_spec
+
+LOOKED_AT = 100  # frames that voxels and windows are counted on
+
+
+def network_claims(sweep: FinishedSweep) -> list[Claim]:
+    """Windows, layers and voxels of the networks at full size, on frames of the sweep's own data."""
+    fcn, voxelnet = (
+        build_detector(compose_config([f"detector={d}", "profile=paper"]))
+        for d in ("fcn3d", "voxelnet")
+    )
+    assert isinstance(fcn, FCN3D)
+    assert isinstance(voxelnet, VoxelNet)
+    layers = [
+        m for m in voxelnet.modules() if isinstance(m, nn.Conv2d | nn.Conv3d | nn.ConvTranspose2d)
+    ]
+    convolutions = len(layers) - 2  # the heads are not counted
+    kitti = sweep.kitti()
+    voxels = []
+    positives = []
+    for frame_id in read_spec(sweep.trials[0].folder).machine.train_ids[:LOOKED_AT]:
+        frame = kitti.frame(frame_id)
+        voxels.append(len(occupancy(frame.points_velo, voxelnet.grid)))
+        positives.append(
+            len(voxelnet.encode(frame, np.random.default_rng(0), training=True)["positive"])
+        )
+    cells, n_cells, n_anchors = (
+        int(np.prod(voxelnet.grid.shape)),
+        int(np.prod(fcn.cells)),
+        len(voxelnet.anchors),
+    )
+    few = np.mean(np.array(positives) < 30)
+    rows = (
+        (
+            "§III-B",
+            "windows a frame, 3D-FCN",
+            "50k",
+            "",
+            f"{n_cells:,}",
+            _holds(n_cells // 1000 == 50),
+        ),
+        (
+            "§III-B",
+            "windows a frame, VoxelNet",
+            "70k",
+            "",
+            f"{n_anchors:,}",
+            _holds(n_anchors // 1000 == 70),
+        ),
+        (
+            "§III-B",
+            "positive windows a frame, VoxelNet",
+            "less than 30",
+            "",
+            f"{np.mean(positives):.1f}, at most {max(positives)}",
+            f"ours: less than 30 in {few:.0%} of the frames",
+        ),
+        (
+            "§V-B",
+            "convolution layers, VoxelNet, no heads",
+            "22",
+            "",
+            str(convolutions),
+            _holds(convolutions == 22),
+        ),
+        (
+            "§V-A",
+            "voxels that hold points, VoxelNet",
+            "5300, 0.3 %",
+            f"5300 of {cells:,}: {5300 / cells:.2%}",
+            f"{np.mean(voxels):.0f}, {np.mean(voxels) / cells:.2%}",
+            "printed cut off, not rounded" if 0.00345 <= 5300 / cells < 0.004 else "",
+        ),
+    )
+    return [Claim(*row) for row in rows]
+
+
+def _holds(is_so: bool) -> str:
+    return "holds" if is_so else "does not hold here"

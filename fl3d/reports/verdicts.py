@@ -1,0 +1,135 @@
+"""Verdicts as text and as tables. Pure: rows of ``analysis.verdicts.verdicts`` in, words out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Mapping
+from typing import Any
+
+import pandas as pd
+
+from fl3d.evaluation.verdicts import FEWEST, Verdict
+from fl3d.reports.levels import Levels, slug
+from fl3d.reports.table import Cell, Column, Table
+
+Row = Mapping[Hashable, Any]
+ONE_SEED = "frames only, not training"
+LEGEND = (
+    "better, worse: the gain's interval excludes 0; equivalent: it lies within ± {margin:g} AP; undecided: neither. "
+    "The gains' intervals of a table hold all at once (95 %)"
+)
+
+
+def verdict_text(row: Row, margin: float) -> str:
+    """A verdict in words, such as ``undecided, about 4 more seeds``.
+
+    Args:
+        row: of ``analysis.verdicts.verdicts``.
+        margin: of the verdicts, AP.
+    """
+    verdict = Verdict(row["verdict"])
+    if verdict is Verdict.BASELINE:
+        return "baseline"
+    if verdict is Verdict.NONE:
+        return ONE_SEED if row["seeds"] == 1 else f"no verdict before {FEWEST} seeds{_more(row)}"
+    if verdict is Verdict.EQUIVALENT:
+        return f"equivalent within {margin:g} AP"
+    if verdict is Verdict.UNDECIDED:
+        return f"undecided{_more(row)}"
+    is_small = -margin < row["gain_low"] and row["gain_high"] < margin
+    return f"{verdict}, by less than {margin:g} AP" if is_small else str(verdict)
+
+
+def verdict_word(row: Row) -> str:
+    """A verdict in a word or two, for a column of a wide table."""
+    verdict = Verdict(row["verdict"])
+    if verdict is Verdict.NONE:
+        return "frames only" if row["seeds"] == 1 else "too few seeds"
+    return str(verdict)
+
+
+def _more(row: Row) -> str:
+    if math.isnan(row["more_seeds"]):
+        return "; seeds alone would not tell, more frames or a wider margin might"
+    count = int(row["more_seeds"])
+    seeds = f", about {count} more seed{'s' if count > 1 else ''}"
+    minutes = row.get("seed_minutes", math.nan)
+    return seeds if math.isnan(minutes) else f"{seeds}, {_time(count * minutes)} of work"
+
+
+def _time(minutes: float) -> str:
+    if minutes < 1:
+        return "less than a minute"
+    return f"{minutes:.0f} minutes" if minutes < 100 else f"{minutes / 60:.0f} hours"
+
+
+def gain_text(row: Row, digits: int = 2) -> str:
+    """A gain and its interval: ``+0.45 [-0.31, +1.20]``."""
+    ends = f"[{row['gain_low']:+.{digits}f}, {row['gain_high']:+.{digits}f}]"
+    return f"{row['gain']:+.{digits}f} {ends}"
+
+
+def verdict_tables(
+    verdicts: pd.DataFrame, levels: Levels, margin: float, notes: tuple[str, ...] = ()
+) -> list[Table]:
+    """Each level's AP, gain and verdict, a table a group.
+
+    Args:
+        verdicts: see ``analysis.verdicts.verdicts``.
+        levels: of the sweep.
+        margin: of the verdicts, AP.
+        notes: put below.
+    """
+    columns = (
+        Column("level", levels.head or "level"),
+        Column("seeds", "seeds", "", True),
+        Column("ap", "AP"),
+        Column("gain", f"gain over {levels.text(levels.baseline)}"),
+        Column("verdict", "verdict"),
+    )
+    tables = []
+    for group, own in verdicts.groupby("group"):
+        rows = tuple(_row(row, margin) for row in levels.sorted(own).to_dict("records"))
+        caption = f"Verdicts on {group}, {own['metric'].iloc[0]}, last models"
+        name = f"verdicts-{slug(str(group))}"
+        tables.append(Table(name, caption, columns, rows, LEGEND.format(margin=margin), notes))
+    return tables
+
+
+def _row(row: Row, margin: float) -> tuple[Cell, ...]:
+    ap = f"{row['ap']:.2f} [{row['ap_low']:.2f}, {row['ap_high']:.2f}]"
+    gain = "" if row["verdict"] == Verdict.BASELINE else gain_text(row)
+    is_final = Verdict(row["verdict"]).is_final
+    word = Cell(verdict_text(row, margin), bold=is_final)
+    return Cell(str(row["level"])), Cell(str(row["seeds"])), Cell(ap), Cell(gain), word
+
+
+def findings(verdicts: pd.DataFrame, levels: Levels, margin: float) -> list[str]:
+    """What was found, a sentence for each group; the verdicts' own words.
+
+    Args:
+        verdicts: see ``analysis.verdicts.verdicts``.
+        levels: of the sweep.
+        margin: of the verdicts, AP.
+    """
+    found = []
+    for group, own in verdicts.groupby("group"):
+        base = own[own["verdict"] == Verdict.BASELINE].iloc[0]
+        others = levels.sorted(own[own["verdict"] != Verdict.BASELINE])
+        ap = f"{base['ap']:.1f} [{base['ap_low']:.1f}, {base['ap_high']:.1f}]"
+        told = f"{group}, {base['metric']}: {ap} at {levels.text(levels.baseline)}"
+        parts = [
+            f"{levels.text(str(row['level']))}: {gain_text(row, 1)} {verdict_text(row, margin)}"
+            for row in others.to_dict("records")
+        ]
+        found.append("; ".join([told, *parts]) + ".")
+    return found
+
+
+def seeds_text(verdicts: pd.DataFrame) -> str:
+    """Over what the intervals reach: frames alone, or so many seeds of training too."""
+    counts = sorted({int(count) for count in verdicts["seeds"]})
+    if counts == [1]:
+        return "Intervals over frames only, not training: one seed says nothing about another."
+    shown = " / ".join(str(count) for count in counts)
+    return f"Intervals over frames and {shown} seeds of training."

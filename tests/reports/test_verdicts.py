@@ -1,0 +1,132 @@
+"""Verdicts as words and tables."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fl3d.evaluation.verdicts import Verdict
+from fl3d.reports.levels import Levels
+from fl3d.reports.render import to_markdown
+from fl3d.reports.verdicts import (
+    ONE_SEED,
+    findings,
+    gain_text,
+    seeds_text,
+    verdict_tables,
+    verdict_text,
+)
+from tests.reports.verdict_rows import verdict_rows
+
+GAMMAS = Levels("gamma", ["0", "0.1", "0.5", "1", "2", "5"], "0")
+NAN = math.nan
+
+
+def row(verdict: Verdict, **changes: object) -> dict[str, object]:
+    found: dict[str, object] = {"verdict": str(verdict), "seeds": 5, "more_seeds": NAN}
+    return found | {"gain": 2.0, "gain_low": -4.0, "gain_high": 4.0} | changes
+
+
+@pytest.mark.parametrize(
+    ("of", "text"),
+    [
+        (row(Verdict.BASELINE), "baseline"),
+        (row(Verdict.BETTER), "better"),
+        (row(Verdict.WORSE), "worse"),
+        (row(Verdict.BETTER, gain_low=0.1, gain_high=0.4), "better, by less than 1 AP"),
+        (row(Verdict.WORSE, gain_low=-0.4, gain_high=-0.1), "worse, by less than 1 AP"),
+        (row(Verdict.EQUIVALENT), "equivalent within 1 AP"),
+        (row(Verdict.UNDECIDED, more_seeds=4.0), "undecided, about 4 more seeds"),
+        (row(Verdict.UNDECIDED, more_seeds=1.0), "undecided, about 1 more seed"),
+        (
+            row(Verdict.UNDECIDED, more_seeds=4.0, seed_minutes=6.3),
+            "undecided, about 4 more seeds, 25 minutes of work",
+        ),
+        (
+            row(Verdict.UNDECIDED, more_seeds=4.0, seed_minutes=60.0),
+            "undecided, about 4 more seeds, 4 hours of work",
+        ),
+        (
+            row(Verdict.UNDECIDED, more_seeds=2.0, seed_minutes=0.2),
+            "undecided, about 2 more seeds, less than a minute of work",
+        ),
+        (row(Verdict.NONE, seeds=1), "frames only, not training"),
+        (
+            row(Verdict.NONE, seeds=2, more_seeds=3.0),
+            "no verdict before 3 seeds, about 3 more seeds",
+        ),
+    ],
+)
+def test_words(of: dict[str, object], text: str) -> None:
+    assert verdict_text(of, 1.0) == text  # type: ignore[arg-type]
+
+
+def test_where_seeds_would_not_tell_that_is_said() -> None:
+    text = verdict_text(row(Verdict.UNDECIDED), 1.0)  # type: ignore[arg-type]
+    assert text == "undecided; seeds alone would not tell, more frames or a wider margin might"
+
+
+def test_the_margin_is_told_as_it_was_given() -> None:
+    assert verdict_text(row(Verdict.EQUIVALENT), 0.25) == "equivalent within 0.25 AP"  # type: ignore[arg-type]
+
+
+def test_a_gain_has_its_sign_and_its_interval() -> None:
+    of = row(Verdict.BETTER, gain=0.45, gain_low=-0.314, gain_high=1.2)
+    assert gain_text(of) == "+0.45 [-0.31, +1.20]"  # type: ignore[arg-type]
+    assert gain_text(of, 1) == "+0.5 [-0.3, +1.2]"  # type: ignore[arg-type]
+
+
+def test_a_table_a_group_with_a_row_a_level_and_final_verdicts_in_bold() -> None:
+    rows = verdict_rows(GAMMAS).iloc[::-1]
+    tables = verdict_tables(rows, GAMMAS, 1.0, ("a note.",))
+    assert [table.name for table in tables] == ["verdicts-3d-fcn", "verdicts-voxelnet"]
+    for table in tables:
+        assert [cell.text for cell in table.column("level")] == GAMMAS.labels
+        assert [cell.text for cell in table.column("verdict")] == [
+            "baseline",
+            "better",
+            "worse",
+            "equivalent within 1 AP",
+            "undecided, about 4 more seeds",
+            "no verdict before 3 seeds; seeds alone would not tell, more frames or a wider margin might",
+        ]
+        assert [cell.bold for cell in table.column("verdict")] == [False, *[True] * 3, False, False]
+        assert [cell.text for cell in table.column("gain")[:2]] == ["", "+2.00 [+0.30, +3.70]"]
+        assert table.column("ap")[1].text == "72.00 [68.00, 72.00]"
+        assert not any(cell.star for own in table.rows for cell in own)
+    text = to_markdown(tables[1])
+    assert "Verdicts on VoxelNet, 3d_r40/moderate, last models." in text
+    assert "| γ | seeds | AP | gain over γ = 0 | verdict |" in text
+    assert "equivalent: it lies within ± 1 AP" in text
+    assert "hold all at once (95 %)" in text
+    assert "a note." in text
+
+
+def test_one_seed_claims_nothing() -> None:
+    """No star, no bold, and the words that say what the interval is over."""
+    rows = verdict_rows(GAMMAS, ("VoxelNet",), seeds=1)
+    rows.loc[rows["verdict"] != "baseline", "verdict"] = str(Verdict.NONE)
+    (table,) = verdict_tables(rows, GAMMAS, 1.0)
+    assert {cell.text for cell in table.column("verdict")} == {"baseline", ONE_SEED}
+    assert not any(cell.bold or cell.star for own in table.rows for cell in own)
+    assert seeds_text(rows).startswith("Intervals over frames alone: one seed of training")
+
+
+def test_findings_are_the_verdicts_own_words() -> None:
+    fcn, voxelnet = findings(verdict_rows(GAMMAS), GAMMAS, 1.0)
+    assert fcn == voxelnet.replace("VoxelNet", "3D-FCN")
+    base, *others = voxelnet.removesuffix(".").split("; γ")
+    assert base == "VoxelNet, 3d_r40/moderate: 70.0 [68.0, 72.0] at γ = 0"
+    assert [other.partition(":")[0].strip() for other in others] == [
+        f"= {level}" for level in GAMMAS.labels[1:]
+    ]
+    assert "γ = 0.1: +2.0 [+0.3, +3.7] better" in voxelnet
+    assert "γ = 1: -0.1 [-0.8, +0.6] equivalent within 1 AP" in voxelnet
+    assert "γ = 2: +0.5 [-2.0, +3.0] undecided, about 4 more seeds" in voxelnet
+
+
+def test_over_how_many_seeds_intervals_reach() -> None:
+    rows = verdict_rows(GAMMAS)
+    assert seeds_text(rows) == "Intervals over frames and 5 seeds of training."
+    mixed = rows.assign(seeds=np.where(rows["level"] == "2", 3, rows["seeds"]))
+    assert seeds_text(mixed) == "Intervals over frames and 3 / 5 seeds of training."
