@@ -269,7 +269,8 @@ def test_gains_come_with_intervals(finished: tuple[Path, str]) -> None:
         [sys.executable, "-m", "fl3d", "gains", "+sweep=gamma", "profile=tiny", *command(work)[7:]]
     )
     assert said.count("| γ | seeds | AP | gain over γ = 0 |") == 2  # a table a detector
-    assert "VoxelNet, 3d moderate, R40, last models, 95 % intervals." in said
+    assert "Verdicts on VoxelNet, 3d_r40/moderate, last models." in said
+    assert "frames only, not training" in said
     folder = work / "results" / "simulated-tiny" / "tables"
     table = pd.read_csv(folder / "gains_gamma_paper.csv")
     own = table[
@@ -277,7 +278,8 @@ def test_gains_come_with_intervals(finished: tuple[Path, str]) -> None:
     ]
     printed = pd.read_csv(folder / "table_II.csv")["3d_moderate"].tolist()
     assert own[own["difficulty"] == "moderate"]["ap"].round(2).tolist() == printed
-    for path in folder.glob("*_gamma_paper.csv"):
+    drawn = (folder.parent / "figures").glob("forest_gamma.*")
+    for path in [*folder.glob("*_gamma_paper.csv"), *drawn]:
         path.unlink()  # the tests after this one compare whole folders
 
 

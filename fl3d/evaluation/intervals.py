@@ -4,7 +4,7 @@ Over frames: percentiles of the resampled mean. Over seeds: Student's t of the s
 training does by chance, and what frames do to each seed by itself. What frames do to all seeds alike is in no
 difference between seeds: where it is known, its part of the interval over frames is added, as independent errors add
 (in squares). The wider of the two alone is too narrow where both matter (``benchmarks/verdicts.py``, last column);
-``benchmarks/coverage.py`` measures how often an interval holds the truth.
+``benchmarks/interval_coverage.py`` measures how often an interval holds the truth.
 """
 
 from __future__ import annotations

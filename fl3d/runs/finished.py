@@ -286,11 +286,13 @@ def _from_files(settings: Settings, published: Path | None) -> FinishedSweep:
     file = next((file for file in files if file.exists()), None)
     if file is None:
         tried = " or ".join(str(file) for file in files)
-        planned = StoreFolder(settings.store.root).plan(settings.experiment)
-        if planned.exists():
-            count = len(read_plan(planned).trials)
+        layout = StoreFolder(settings.store.root)
+        planned = layout.plan(settings.experiment)
+        asked = read_plan(planned).trials if planned.exists() else ()
+        if asked and not any(layout.run(trial.key).is_done for trial in asked):
             raise StoreError(
-                f"{settings.experiment}: none of its {count} trials is done yet; the command that started it resumes it"
+                f"{settings.experiment}: none of its {len(asked)} trials is done yet; the command that started it "
+                "resumes it"
             )
         raise StoreError(
             f"{settings.store.root}: no scores of {settings.experiment}, and none in {tried}; run the sweep first"

@@ -32,6 +32,7 @@ def asked(
         baseline=baseline,
         groups=groups,
         primary="3d_r40/moderate",
+        margin=1.0,
         tables=(),
         after=None,
         winner=None,

@@ -462,3 +462,10 @@ def test_a_baseline_asked_for_now_is_held_to_and_must_be_a_level(ran: World) -> 
     assert asking(2.0) == "2"
     with pytest.raises(ConfigError, match=r"sweep.baseline: no level '7'"):
         asking(7)
+
+
+def test_a_sweep_that_has_begun_and_has_nothing_done_says_so(ran: World) -> None:
+    for trial in GRID:
+        StoreFolder(ran.settings.store.root).run(trial.key).done.unlink()
+    with pytest.raises(StoreError, match="none of its 6 trials is done yet; the command"):
+        open_sweep(ran.settings)
