@@ -100,7 +100,8 @@ def _judge_group(
             rows[level] = row | {"more_seeds": float("nan"), "open": False}
             continue
         one = found[level]
-        word = verdict_of(one, len(gain.values), margin)
+        is_empty = not ap.values.any() and not gain.values.any()
+        word = Verdict.NONE if is_empty else verdict_of(one, len(gain.values), margin)
         row |= {**_columns("gain", one), "spread": gain.spread, "verdict": word}
         rows[level] = row | _outlook(gain, family, margin, word, looks)
     return rows

@@ -30,6 +30,8 @@ def verdict_text(row: Row, margin: float) -> str:
     verdict = Verdict(row["verdict"])
     if verdict is Verdict.BASELINE:
         return "baseline"
+    if verdict is Verdict.NONE and row["seeds"] >= FEWEST and row["ap"] == 0:
+        return "none: neither finds anything (AP 0)"
     if verdict is Verdict.NONE:
         return ONE_SEED if row["seeds"] == 1 else f"no verdict before {FEWEST} seeds{_more(row)}"
     if verdict is Verdict.EQUIVALENT:
@@ -44,13 +46,15 @@ def verdict_word(row: Row) -> str:
     """A verdict in a word or two, for a column of a wide table."""
     verdict = Verdict(row["verdict"])
     if verdict is Verdict.NONE:
+        if row["seeds"] >= FEWEST and row["ap"] == 0:
+            return "AP 0"
         return "frames only" if row["seeds"] == 1 else "too few seeds"
     return str(verdict)
 
 
 def _more(row: Row) -> str:
     if math.isnan(row["more_seeds"]):
-        return "; seeds alone would not tell, more frames or a wider margin might"
+        return "; seeds alone would probably not tell, more frames or a wider margin might"
     count = int(row["more_seeds"])
     seeds = f", about {count} more seed{'s' if count > 1 else ''}"
     minutes = row.get("seed_minutes", math.nan)

@@ -16,6 +16,7 @@ from fl3d.config.settings import SweepSettings
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.evaluation.intervals import member_alpha
 from fl3d.evaluation.verdicts import Verdict
+from fl3d.reports.verdicts import verdict_text
 from tests.analysis.making import detected_sweep, without
 from tests.papers.making import Made, aps, finished_sweep
 
@@ -255,3 +256,10 @@ def test_scores_alone_have_no_verdict() -> None:
     made = [Made(overrides=(f"loss.gamma={gamma}",), scores={1: aps(gamma)}) for gamma in (0, 2)]
     with pytest.raises(StoreError, match="only its scores are here"):
         judge_sweep(finished_sweep(("detector=voxelnet",), made))
+
+
+def test_two_networks_that_find_nothing_are_not_called_equivalent() -> None:
+    nothing = {seed: Resampled(np.zeros((9, 2)), np.zeros((50, 9, 2))) for seed in range(4)}
+    found = judged({"0": nothing, "2": nothing})
+    assert found.loc["2", "verdict"] == Verdict.NONE
+    assert verdict_text(found.reset_index().to_dict("records")[1], 1.0).endswith("(AP 0)")

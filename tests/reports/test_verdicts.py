@@ -63,7 +63,10 @@ def test_words(of: dict[str, object], text: str) -> None:
 
 def test_where_seeds_would_not_tell_that_is_said() -> None:
     text = verdict_text(row(Verdict.UNDECIDED), 1.0)  # type: ignore[arg-type]
-    assert text == "undecided; seeds alone would not tell, more frames or a wider margin might"
+    assert (
+        text
+        == "undecided; seeds alone would probably not tell, more frames or a wider margin might"
+    )
 
 
 def test_the_margin_is_told_as_it_was_given() -> None:
@@ -88,7 +91,7 @@ def test_a_table_a_group_with_a_row_a_level_and_final_verdicts_in_bold() -> None
             "worse",
             "equivalent within 1 AP",
             "undecided, about 4 more seeds",
-            "no verdict before 3 seeds; seeds alone would not tell, more frames or a wider margin might",
+            "no verdict before 3 seeds; seeds alone would probably not tell, more frames or a wider margin might",
         ]
         assert [cell.bold for cell in table.column("verdict")] == [False, *[True] * 3, False, False]
         assert [cell.text for cell in table.column("gain")[:2]] == ["", "+2.00 [+0.30, +3.70]"]
@@ -109,7 +112,7 @@ def test_one_seed_claims_nothing() -> None:
     (table,) = verdict_tables(rows, GAMMAS, 1.0)
     assert {cell.text for cell in table.column("verdict")} == {"baseline", ONE_SEED}
     assert not any(cell.bold or cell.star for own in table.rows for cell in own)
-    assert seeds_text(rows).startswith("Intervals over frames alone: one seed of training")
+    assert seeds_text(rows).startswith("Intervals over frames only, not training")
 
 
 def test_findings_are_the_verdicts_own_words() -> None:

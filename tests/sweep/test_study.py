@@ -16,7 +16,7 @@ from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.records import Config, Trial
 from fl3d.sweep.sweepers.base import Point, Standing, TrialState
 from fl3d.sweep.sweepers.space import parse_space
-from fl3d.sweep.sweepers.study import Study
+from fl3d.sweep.sweepers.study import Study, study
 from fl3d.sweep.sweepers.study_storage import open_storage
 
 AP = "ap_3d_r40/moderate"
@@ -328,3 +328,11 @@ def test_the_journal_opens_as_any_optuna_study(tmp_path: Path) -> None:
     storage = open_storage(None, tmp_path, None, "search-made-up-tiny")
     study = optuna.load_study(study_name="search-made-up-tiny", storage=storage)
     assert len(study.trials) == 2
+
+
+def test_another_sweepers_keys_are_refused_by_name(tmp_path: Path) -> None:
+    """As where a file that names its own sweeper is run with hydra/sweeper=until_decided."""
+    with pytest.raises(
+        ConfigError, match=r"hydra\.sweeper\.first: a study has no such key.*n_trials"
+    ):
+        study({}, ["loss.gamma=interval(0,1)"], lambda words: base(tmp_path), {"first": 3})

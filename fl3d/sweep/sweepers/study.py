@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -326,4 +327,11 @@ def study(
         settings: further arguments of ``Study``.
     """
     space = parse_space(params, arguments)
+    own = set(inspect.signature(Study).parameters) - {"base", "space", "compose"}
+    unknown = sorted(set(settings) - own)
+    if unknown:
+        raise ConfigError(
+            f"hydra.sweeper.{unknown[0]}: a study has no such key. {options(unknown[0], sorted(own))} "
+            "(A sweep file that names its own sweeper cannot be run by another: hydra/sweeper=... belongs to a grid)"
+        )
     return Study(compose(space.fixed), space, compose, **settings)
