@@ -10,7 +10,7 @@ import json
 VIEW = "fl3d"  # its key in links
 TAG = f"mlflow.sharedViewState.{VIEW}"
 # As ``sweep.recorder`` and ``sweep.verdict_tags`` set them.
-TAGS = ("detector", "group", "level", "seed", "verdict", "gain", "best_step")
+TAGS = ("verdict", "gain", "detector", "group", "level", "seed", "best_step")
 APS = ("ap_3d/easy", "ap_3d/moderate", "ap_3d/hard", "ap_bev/moderate")
 CHARTS = {
     "AP over steps": ("ap_3d/moderate", "ap_3d/easy", "ap_3d/hard", "ap_bev/moderate"),
