@@ -53,7 +53,7 @@ def test_intervals_of_one_three_and_five_seeds_hold(row: Row) -> None:
             least = 91.0 if n_seeds == 1 else LOW
             assert found["AP", name, n_seeds][0] > at_least(least, n_sets)
     if row.own == 3.0 and row.world.rho == 0.99:
-        assert all(found["two levels", "R40", n][0] < at_least(LOW, n_sets) for n in (3, 5))
+        assert found["two levels", "R40", 3][0] < at_least(LOW, n_sets)
 
 
 @pytest.mark.slow
