@@ -30,7 +30,7 @@ from fl3d.config.compose import compose_config
 from fl3d.core.records import Stage
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import KittiFolder, read_lines
-from fl3d.evaluation.bootstrap import frame_weights, resampled_aps
+from fl3d.evaluation.bootstrap import resampled_aps, unit_weights
 from fl3d.evaluation.detections import compare_stored, read_validation
 from fl3d.evaluation.protocol import Protocol
 from fl3d.inference.detect import detect_frames
@@ -185,7 +185,7 @@ class Bench:
         folder = KittiFolder(self.kitti, config["data"]["crop"], config["data"]["calibration"])
         validation = read_validation(folder, ids)
         protocol = Protocol(**config["protocol"])
-        weights = frame_weights(len(ids), 1000, 0)
+        weights = unit_weights(len(ids), 1000, 0)
         once = np.ones((1, len(ids)), dtype=np.int64)
         values: dict[str, list[np.ndarray]] = {}
         resampled = []
