@@ -144,12 +144,10 @@ def _with_minutes(found: pd.DataFrame, sweep: FinishedSweep) -> pd.DataFrame:
 def left_out(sweep: FinishedSweep) -> list[str]:
     """Replicates that no gain counts: they were planned and are not done, or the baseline of their seed is not."""
     done = {(trial.group, trial.level, trial.seed) for trial in sweep.trials}
-    asked = {trial.seed for trial in sweep.trials}
     missing: dict[tuple[str, str, str], list[str]] = {}
     for trial in sweep.plan.trials:
-        is_asked = trial.group in sweep.groups and trial.level in sweep.levels
-        if trial.seed not in asked or not is_asked:
-            continue  # of a sweep that was asked for in part
+        if not sweep.is_asked(trial):
+            continue
         if (trial.group, trial.level, trial.seed) not in done:
             why = "not done"
         elif (trial.group, sweep.baseline, trial.seed) not in done:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -114,6 +114,7 @@ class FinishedSweep:
         trials: those that are done, in the sweep's order.
         scores: a row for each trial and step, see ``runs.scores``.
         source: where the scores come from: a store folder, or a file of scores.
+        asked: labels of values by key, where only trials with these were asked for.
     """
 
     settings: Settings
@@ -121,6 +122,7 @@ class FinishedSweep:
     trials: tuple[FinishedTrial, ...]
     scores: pd.DataFrame
     source: Path
+    asked: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -171,6 +173,14 @@ class FinishedSweep:
     def trial(self, key: str) -> FinishedTrial:
         """A trial by its key."""
         return next(trial for trial in self.trials if trial.key == key)
+
+    def is_asked(self, trial: FrozenTrial) -> bool:
+        """Whether a planned trial was asked for, done or not; the baseline is, beside any other level."""
+        return all(
+            label_of(_value(trial, key)) in labels
+            for key, labels in self.asked.items()
+            if trial.level != self.baseline or key not in self.factor
+        )
 
     def select(self, rule: str, best_among: str | None = None) -> pd.DataFrame:
         """The checkpoint that stands for each trial, see ``evaluation.selection.select``."""
@@ -317,11 +327,12 @@ def _asked_for(sweep: FinishedSweep, asked: Asked) -> FinishedSweep:
     baseline = [trial for trial in sweep.trials if trial.level == sweep.baseline]
     for key in outside:
         wanted = {label_of(value) for value in asked[key]}
-        baseline = [trial for trial in baseline if label_of(_value(trial, key)) in wanted]
+        baseline = [trial for trial in baseline if label_of(_value(trial.plan, key)) in wanted]
     keys = {trial.key for trial in (*chosen, *baseline)}
     scores = sweep.scores[sweep.scores["trial"].isin(keys)].reset_index(drop=True)
     trials = tuple(trial for trial in sweep.trials if trial.key in keys)
-    return replace(sweep, trials=trials, scores=scores)
+    labels = {key: frozenset(label_of(value) for value in asked[key]) for key in told}
+    return replace(sweep, trials=trials, scores=scores, asked=labels)
 
 
 def _with_values(
@@ -333,14 +344,14 @@ def _with_values(
         StoreError: none of them has one of the values.
     """
     wanted = {label_of(value) for value in values}
-    stored = {label_of(_value(trial, key)) for trial in trials}
+    stored = {label_of(_value(trial.plan, key)) for trial in trials}
     for label in sorted(wanted - stored):
         raise StoreError(
             f"{key}={label}: {sweep.settings.experiment} has no finished trial with it. "
             f"{options(label, stored)}"
         )
-    return tuple(trial for trial in trials if label_of(_value(trial, key)) in wanted)
+    return tuple(trial for trial in trials if label_of(_value(trial.plan, key)) in wanted)
 
 
-def _value(trial: FinishedTrial, key: str) -> Any:
-    return trial.seed if key == SEED else trial.plan.values.get(key)
+def _value(trial: FrozenTrial, key: str) -> Any:
+    return trial.seed if key == SEED else trial.values.get(key)

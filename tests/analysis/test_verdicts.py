@@ -17,6 +17,7 @@ from fl3d.core.errors import ConfigError, StoreError
 from fl3d.evaluation.intervals import member_alpha
 from fl3d.evaluation.verdicts import Verdict
 from fl3d.reports.verdicts import verdict_text
+from fl3d.runs.finished import FinishedSweep
 from tests.analysis.making import detected_sweep, without
 from tests.papers.making import Made, aps, finished_sweep
 
@@ -240,11 +241,20 @@ def test_a_replicate_that_is_not_done_leaves_its_pair_out_and_is_named(detected:
     assert set(found.verdicts["verdict"]) == {Verdict.BASELINE, Verdict.NONE}
 
 
-def test_what_was_not_asked_for_is_not_left_out(detected: object) -> None:
+def test_what_was_not_asked_for_is_not_left_out(detected: FinishedSweep) -> None:
     """Of seed 0 alone, or of one level beside the baseline."""
-    one = without(detected, lambda trial: trial.seed > 0)  # type: ignore[arg-type]
-    assert left_out(one) == []
-    assert left_out(without(detected, lambda trial: trial.level == "5")) == []  # type: ignore[arg-type]
+    one = without(detected, lambda trial: trial.seed > 0)
+    assert left_out(replace(one, asked={"seed": frozenset({"0"})})) == []
+    two = without(detected, lambda trial: trial.level == "5")
+    assert left_out(replace(two, asked={"loss.gamma": frozenset({"2"})})) == []
+
+
+def test_a_seed_of_which_nothing_is_done_is_named_all_the_same(detected: FinishedSweep) -> None:
+    """As where the first stage that all its levels share has failed."""
+    some = without(detected, lambda trial: trial.seed == 2)
+    assert left_out(some) == [
+        f"VoxelNet {level}: seed 2 left out, not done" for level in ("0", "2", "5")
+    ]
 
 
 def test_a_sweep_without_its_baseline_has_no_verdict(detected: object) -> None:
