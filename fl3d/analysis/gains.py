@@ -7,9 +7,17 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from fl3d.analysis.samples import AVERAGES, CELLS, Comparisons, Resampled, Samples, paired
+from fl3d.analysis.samples import (
+    AVERAGES,
+    CELLS,
+    Comparisons,
+    Resampled,
+    Samples,
+    interval_columns,
+    paired,
+)
 from fl3d.core.errors import ConfigError
-from fl3d.evaluation.intervals import Interval, Sample, interval, joint_intervals
+from fl3d.evaluation.intervals import Sample, interval, joint_intervals
 from fl3d.evaluation.recall import OVERLAPS, recall
 from fl3d.evaluation.verdicts import FEWEST
 
@@ -63,7 +71,9 @@ def _cell_rows(
     rows = []
     for name, (ap, gain) in zip(AVERAGES, found, strict=True):
         row: dict[str, object] = {"average": name}
-        row |= _columns("ap", interval(ap).within_percent()) | _columns("gain", interval(gain))
+        row |= interval_columns("ap", interval(ap).within_percent()) | interval_columns(
+            "gain", interval(gain)
+        )
         rows.append(row | {"one_r11_step": is_step and name == "R11"})
     return rows
 
@@ -87,10 +97,6 @@ def _marked(levels: Mapping[str, Mapping[int, Resampled]], baseline: str) -> set
                 family[level, place] = paired(by_seed, base, place, R40)[1]
     found = joint_intervals(list(family.values()))
     return {key for key, one in zip(family, found, strict=True) if one.excludes_zero}
-
-
-def _columns(name: str, one: Interval) -> dict[str, object]:
-    return {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}
 
 
 def recalls(compared: Comparisons) -> pd.DataFrame:

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.bootstrap import N_RESAMPLES, resampled_aps, unit_weights, widened
-from fl3d.evaluation.intervals import Sample, lasting_share
+from fl3d.evaluation.intervals import Interval, Sample, lasting_share
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
 from fl3d.runs.finished import FinishedSweep
 
@@ -151,3 +151,8 @@ def pair_seeds(
 def _sample(values: Float, draws: Float) -> Sample:
     """Of the draws of each seed, (S, R)."""
     return Sample(values, draws.mean(axis=0), lasting_share(draws))
+
+
+def interval_columns(name: str, one: Interval) -> dict[str, object]:
+    """An interval as columns of a row: ``gain``, ``gain_low``, ``gain_high``."""
+    return {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}

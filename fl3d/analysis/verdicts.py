@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from fl3d.analysis.samples import AVERAGES, CELLS, Samples, paired
+from fl3d.analysis.samples import AVERAGES, CELLS, Samples, interval_columns, paired
 from fl3d.config.settings import SweepSettings
 from fl3d.evaluation.intervals import (
     ALPHA,
@@ -92,17 +92,21 @@ def _judge_group(
     for level, (ap, gain) in pairs.items():
         row: dict[str, object] = {
             "seeds": len(gain.values),
-            **_columns("ap", interval(ap).within_percent()),
+            **interval_columns("ap", interval(ap).within_percent()),
         }
         if level == baseline:
             zero = Interval(0.0, 0.0, 0.0)
-            row |= {**_columns("gain", zero), "spread": float("nan"), "verdict": Verdict.BASELINE}
+            row |= {
+                **interval_columns("gain", zero),
+                "spread": float("nan"),
+                "verdict": Verdict.BASELINE,
+            }
             rows[level] = row | {"more_seeds": float("nan"), "open": False}
             continue
         one = found[level]
         is_empty = not ap.values.any() and not gain.values.any()
         word = Verdict.NONE if is_empty else verdict_of(one, len(gain.values), margin)
-        row |= {**_columns("gain", one), "spread": gain.spread, "verdict": word}
+        row |= {**interval_columns("gain", one), "spread": gain.spread, "verdict": word}
         rows[level] = row | _outlook(gain, family, margin, word, looks)
     return rows
 
@@ -135,7 +139,3 @@ def _outlook(
     needed = seeds_needed(known, margin, alpha, n_seeds + 1)
     more = float("nan") if needed is None else float(needed - n_seeds)
     return {"more_seeds": more, "open": not is_hopeless(known, margin, most)}
-
-
-def _columns(name: str, one: Interval) -> dict[str, object]:
-    return {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}

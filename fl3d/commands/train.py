@@ -12,7 +12,7 @@ from fl3d.analysis.found import sweep_verdicts
 from fl3d.commands.words import PUBLISHED
 from fl3d.config.compose import CONF, MAIN, check_overrides
 from fl3d.config.objects import build
-from fl3d.core.errors import ConfigError, Fl3dError
+from fl3d.core.errors import CheckpointError, ConfigError, DataError, Fl3dError, StoreError
 from fl3d.core.records import Config
 from fl3d.papers.registry import tables_named
 from fl3d.papers.results import write_sweep
@@ -153,10 +153,14 @@ def tell_verdicts(sweep: FinishedSweep, store: Store, say: Callable[[str], None]
     """Print what a sweep has found, and tag its runs with it; nothing of a single level, or without a baseline."""
     if len(sweep.levels) < 2:
         return
-    verdicts = sweep_verdicts(sweep)
-    if verdicts.empty:
+    try:
+        verdicts = sweep_verdicts(sweep)
+        if verdicts.empty:
+            return
+        tag_verdicts(sweep, verdicts, store)
+    except (CheckpointError, DataError, StoreError) as error:
+        say(f"No verdicts: {error}")  # all is trained and recorded; `gains` tries again
         return
-    tag_verdicts(sweep, verdicts, store)
     margin = sweep.settings.sweep.margin
     notes = (seeds_text(verdicts), units_of(sweep).note)
     for table in verdict_tables(verdicts, levels_of(sweep), margin, notes):

@@ -33,7 +33,8 @@ def read_drives(folder: Path, ids: Sequence[str]) -> list[str]:
     drives = [line.split() for line in read_lines(lines)]
     found = []
     for frame in ids:
-        place = places[int(frame)] if int(frame) < len(places) else 0
+        is_known = frame.isdigit() and int(frame) < len(places)
+        place = places[int(frame)] if is_known else 0
         if not 1 <= place <= len(drives):
             raise DataError(f"no drive of frame {frame}: these are {len(places)} frames", order)
         words = drives[place - 1]

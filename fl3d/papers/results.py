@@ -13,7 +13,7 @@ from fl3d.analysis.found import Judged, judge_sweep
 from fl3d.analysis.rescore import rescore
 from fl3d.analysis.samples import Comparisons
 from fl3d.config.settings import Settings
-from fl3d.core.errors import ConfigError, DataError, StoreError
+from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
 from fl3d.core.files import write_text
 from fl3d.evaluation.average_precision import N_SAMPLES
 from fl3d.papers.base import PaperTable
@@ -161,7 +161,7 @@ def judge_or_say(sweep: FinishedSweep, say: Say) -> Judged | None:
         return judge_sweep(sweep)
     except ConfigError as error:
         say(f"No verdicts: {error}")
-    except (DataError, StoreError) as error:
+    except (CheckpointError, DataError, StoreError) as error:
         say(f"No verdicts, which need stored detections and the data's labels: {error}")
     return None
 

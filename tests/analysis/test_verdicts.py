@@ -186,7 +186,7 @@ POINTS = [[f"loss.gamma={gamma}", f"seed={seed}"] for gamma in (0, 2, 5) for see
 
 
 @pytest.fixture(scope="module")
-def detected(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> object:
+def detected(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> FinishedSweep:
     """Three seeds: of gamma 0 all cars are found, of gamma 2 likewise, of gamma 5 none."""
     noise = {"0": 0.0, "2": 0.0, "5": 30.0}
     root = tmp_path_factory.mktemp("judged")
@@ -195,12 +195,12 @@ def detected(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> objec
     )
 
 
-def test_a_sweep_is_judged_from_its_run_folders(detected: object) -> None:
+def test_a_sweep_is_judged_from_its_run_folders(detected: FinishedSweep) -> None:
     """Two of its four frames have a car each: one resample in sixteen has none, and there nothing is lost.
 
     The standard deviation of the resamples reaches further up than they do.
     """
-    found = judge_sweep(detected, n_resamples=200)  # type: ignore[arg-type]
+    found = judge_sweep(detected, n_resamples=200)
     rows = found.verdicts.set_index("level")
     assert rows["verdict"].to_dict() == {
         "0": Verdict.BASELINE,
@@ -217,15 +217,17 @@ def test_a_sweep_is_judged_from_its_run_folders(detected: object) -> None:
     assert same.loc[("5", "3d", "moderate", "R40"), "ap"] == rows.loc["5", "ap"]
 
 
-def test_verdicts_alone_are_those_of_the_whole(detected: object) -> None:
-    alone = sweep_verdicts(detected, n_resamples=50)  # type: ignore[arg-type]
-    whole = judge_sweep(detected, n_resamples=50).verdicts  # type: ignore[arg-type]
+def test_verdicts_alone_are_those_of_the_whole(detected: FinishedSweep) -> None:
+    alone = sweep_verdicts(detected, n_resamples=50)
+    whole = judge_sweep(detected, n_resamples=50).verdicts
     pd.testing.assert_frame_equal(alone, whole)
 
 
-def test_a_replicate_that_is_not_done_leaves_its_pair_out_and_is_named(detected: object) -> None:
+def test_a_replicate_that_is_not_done_leaves_its_pair_out_and_is_named(
+    detected: FinishedSweep,
+) -> None:
     some = without(
-        detected,  # type: ignore[arg-type]
+        detected,
         lambda trial: (trial.level, trial.seed) in {("2", 1), ("0", 2)},
     )
     assert left_out(some) == [
@@ -257,9 +259,9 @@ def test_a_seed_of_which_nothing_is_done_is_named_all_the_same(detected: Finishe
     ]
 
 
-def test_a_sweep_without_its_baseline_has_no_verdict(detected: object) -> None:
+def test_a_sweep_without_its_baseline_has_no_verdict(detected: FinishedSweep) -> None:
     with pytest.raises(ConfigError, match=r"a trial of the baseline '0'"):
-        judge_sweep(without(detected, lambda trial: trial.level == "0"))  # type: ignore[arg-type]
+        judge_sweep(without(detected, lambda trial: trial.level == "0"))
 
 
 def test_scores_alone_have_no_verdict() -> None:

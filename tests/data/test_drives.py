@@ -48,6 +48,8 @@ def test_what_is_no_number_is_told(tmp_path: Path) -> None:
 def test_a_frame_beyond_the_end_is_told(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"no drive of frame 000003: these are 3 frames"):
         read_drives(write_mapping(tmp_path), ["000000", "000003"])
+    with pytest.raises(DataError, match="no drive of frame left_7"):
+        read_drives(write_mapping(tmp_path), ["left_7"])
 
 
 @pytest.mark.parametrize("place", [0, 4])

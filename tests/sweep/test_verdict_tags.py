@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from fl3d.analysis.found import sweep_verdicts
+from fl3d.commands.train import tell_verdicts
 from fl3d.runs.finished import FinishedSweep
 from fl3d.store.base import Scored
 from fl3d.store.memory import MemoryRun, MemoryStore
@@ -52,3 +53,17 @@ def test_every_run_is_tagged_with_its_levels_verdict(
     assert "γ = 2: -" in note
     assert ("worse" if len(seeds) > 1 else "frames only, not training") in note
     assert "python -m fl3d gains" in note  # what stood there before stays
+
+
+def test_a_sweep_whose_detections_cannot_be_read_ends_with_a_line_and_no_verdict(
+    simulated: Path, tmp_path: Path
+) -> None:
+    """All is trained and recorded by then: nothing else is lost for it."""
+    points = [[f"loss.gamma={gamma}", "seed=0"] for gamma in (0, 2)]
+    sweep = detected_sweep(simulated, tmp_path, points, lambda trial: 0.0, "detector=voxelnet")
+    trial = sweep.trials[0]
+    trial.folder.detections(trial.last_step).write_text("torn")
+    said: list[str] = []
+    tell_verdicts(sweep, stored(sweep, tmp_path), said.append)
+    assert len(said) == 1
+    assert said[0].startswith("No verdicts: ")
