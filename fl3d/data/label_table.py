@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
-from fl3d.data.calibration import finite
 from fl3d.data.labels import FIELDS, TYPES, Labels
+from fl3d.data.text import finite
 
 NAMES = tuple(name.lower() for name in TYPES)
-OTHER = len(NAMES)  # any other type; such objects do not exist for the evaluator
+OTHER = len(NAMES)  # the first type that KITTI lacks; such objects do not exist for the evaluator
 
 
 @dataclass(frozen=True)
@@ -25,14 +25,16 @@ class LabelTable:
 
     Args:
         offsets: (F + 1,) where each frame's objects begin.
-        types: (N,) index into ``NAMES``, or ``OTHER``.
+        types: (N,) index into ``NAMES``, or ``OTHER`` + index into ``others``.
         values: (N, 15) the numeric fields in file order: truncated, occluded, alpha, 2D box, h, w, l, x, y, z, ry,
             score (0 where there is none).
+        others: names that KITTI lacks, as they are spelled, in order of first appearance.
     """
 
     offsets: NDArray[np.int64]
     types: NDArray[np.int64]
     values: NDArray[np.float64]
+    others: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.offsets) - 1
@@ -58,14 +60,33 @@ class LabelTable:
         return self.values[:, 14]
 
 
+class Codes:
+    """Numbers of the names of classes, given as they appear; KITTI's own without regard to case."""
+
+    def __init__(self) -> None:
+        self._codes = {name: code for code, name in enumerate(NAMES)}
+        self._others: dict[str, int] = {}
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """The names that KITTI lacks, in order of first appearance."""
+        return tuple(self._others)
+
+    def of(self, name: str) -> int:
+        """Index into ``NAMES``, or ``OTHER`` + index into ``others``."""
+        code = self._codes.get(name.lower())
+        return OTHER + self._others.setdefault(name, len(self._others)) if code is None else code
+
+
 def table_from_labels(frames: Sequence[Labels]) -> LabelTable:
     """Arrange frames of labels as one table."""
-    codes = {name: code for code, name in enumerate(NAMES)}
+    codes = Codes()
     offsets = np.concatenate([[0], np.cumsum([len(frame) for frame in frames])]).astype(np.int64)
-    types = [codes.get(str(name).lower(), OTHER) for frame in frames for name in frame.types]
+    types = [codes.of(str(name)) for frame in frames for name in frame.types]
     rows = [_columns(frame) for frame in frames]
     values = np.concatenate(rows) if rows else np.zeros((0, 15))
-    return LabelTable(offsets, np.array(types, dtype=np.int64), np.ascontiguousarray(values))
+    values = np.ascontiguousarray(values)
+    return LabelTable(offsets, np.array(types, dtype=np.int64), values, codes.others)
 
 
 def _columns(frame: Labels) -> NDArray[np.float64]:
@@ -114,7 +135,9 @@ def read_table(folder: Path, ids: Sequence[str], scored: bool) -> LabelTable:
     if short[0] >= 0:
         frame, line, found = short.tolist()
         raise DataError(f"{fields} fields expected, found {found}", path(frame), line)
-    return LabelTable(offsets, _codes(raw, names), values)
+    codes = Codes()
+    types = _codes(raw, names, codes)
+    return LabelTable(offsets, types, values, codes.others)
 
 
 def _read(folder: Path, frame_id: str) -> bytes:
@@ -130,18 +153,17 @@ def _read(folder: Path, frame_id: str) -> bytes:
         os.close(descriptor)
 
 
-def _codes(raw: bytes, names: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Type codes from where each name begins and ends; without regard to case."""
-    known = {name.encode(): code for code, name in enumerate(NAMES)}
+def _codes(raw: bytes, names: NDArray[np.int64], codes: Codes) -> NDArray[np.int64]:
+    """Codes from where each name begins and ends."""
     seen: dict[bytes, int] = {}
-    codes = np.empty(len(names), dtype=np.int64)
+    found = np.empty(len(names), dtype=np.int64)
     for i, (start, end) in enumerate(names.tolist()):
         name = raw[start:end]
         code = seen.get(name)
         if code is None:
-            code = seen[name] = known.get(name.lower(), OTHER)
-        codes[i] = code
-    return codes
+            code = seen[name] = codes.of(name.decode("utf-8", errors="replace"))
+        found[i] = code
+    return found
 
 
 def _fill_slow(

@@ -28,8 +28,20 @@ def test_frames_lines_and_types(tmp_path: Path) -> None:
     table = read_table(tmp_path, ids, scored=False)
     assert table.offsets.tolist() == [0, 2, 2, 3]
     assert table.types.tolist() == [NAMES.index("car"), NAMES.index("van"), OTHER]
+    assert table.others == ("Boat",)
     assert table.frame.tolist() == [0, 0, 2]
     assert table.boxes_cam[0].tolist() == [1.00, 1.75, 13.22, 1.57, 1.73, 4.15, 1.62]
+
+
+def test_names_that_kitti_lacks_are_told_in_order_of_first_appearance(tmp_path: Path) -> None:
+    names = ("Vehicle", "Lkw", "car", "Vehicle", "小汽车", "Lkw")
+    ids = write(tmp_path, *(LINE.replace("Car", name) for name in names))
+    for table in (
+        read_table(tmp_path, ids, scored=False),
+        table_from_labels([read_labels(tmp_path / f"{i}.txt") for i in ids]),
+    ):
+        assert table.others == ("Vehicle", "Lkw", "小汽车")
+        assert (table.types - OTHER).tolist() == [0, 1, NAMES.index("car") - OTHER, 0, 2, 1]
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=15, max_size=15))
