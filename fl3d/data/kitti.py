@@ -39,6 +39,7 @@ class Frame:
         labels: every object of the label file.
         image_size: (width, height) in pixels.
         image_boxes: (N, 5) cars that a 2D detector found: x1, y1, x2, y2 in pixels, score; None where none was run.
+        label_file: that the labels come from, for errors; None: from none.
     """
 
     id: str
@@ -47,6 +48,7 @@ class Frame:
     labels: Labels
     image_size: tuple[int, int]
     image_boxes: NDArray[np.float64] | None = None
+    label_file: Path | None = None
 
 
 class KittiFolder:
@@ -104,7 +106,15 @@ class KittiFolder:
         found = (
             None if self.image_boxes is None else self.image_boxes.get(frame_id, np.zeros((0, 5)))
         )
-        return Frame(frame_id, points, calibration, self.read_labels(frame_id), size, found)
+        return Frame(
+            frame_id,
+            points,
+            calibration,
+            self.read_labels(frame_id),
+            size,
+            found,
+            self.path("label_2", frame_id),
+        )
 
     @cached_property
     def image_boxes(self) -> ImageBoxes | None:

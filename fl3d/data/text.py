@@ -35,7 +35,7 @@ def unreadable(path: Path, error: OSError) -> DataError:
     return DataError(f"cannot be read ({error.strerror or error})", path)
 
 
-def text_bytes(raw: bytes, path: Path) -> bytes:
+def text_bytes(raw: bytes, path: Path | str) -> bytes:
     """A text file's bytes without a byte order mark.
 
     Raises:
