@@ -92,7 +92,7 @@ def test_bad_folders_are_named(folders: tuple[Path, Path], tmp_path: Path) -> No
     labels, results = folders
     with pytest.raises(DataError, match="no such folder"):
         evaluate_folder(labels, tmp_path / "nowhere", protocol("kitti"))
-    with pytest.raises(DataError, match="holds no file named NNNNNN"):
+    with pytest.raises(DataError, match="holds no file FRAME"):
         evaluate_folder(labels, tmp_path, protocol("kitti"))
     (results / "000009.txt").write_text("")
     with pytest.raises(DataError, match=r"labels/000009\.txt: no such file"):
