@@ -78,7 +78,7 @@ def test_what_is_not_there_is_refused(stage: Path, simulated: Path, tmp_path: Pa
         predict(tmp_path, simulated, tmp_path / "out")
     with pytest.raises(CheckpointError, match=r"no weights\. Possible: .*\.pt"):
         predict(stage / "checkpoints" / "00000001.pt", simulated, tmp_path / "out")
-    with pytest.raises(DataError, match=r"no cloud \(\*\.bin\)"):
+    with pytest.raises(DataError, match=r"no cloud \(\*\.bin, \*\.npy, \*\.pcd\)"):
         predict(stage, tmp_path, tmp_path / "out")
 
 
