@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -159,7 +159,7 @@ def _read_bare(raw: bytes, form: CloudFormat, path: Path) -> Float:
     wrong = "" if rows is None or is_told else what_looks_wrong(rows)
     if rows is not None and not wrong:
         return rows
-    found = None if is_told else next(_others(raw, form), None)
+    found = None if is_told else _other_form(raw, form)
     if found is not None:
         raise DataError(f"looks like {found[0]}{wrong and f' ({wrong})'}: give {found[1]}", path)
     if rows is None:
@@ -191,28 +191,32 @@ def refuse_foreign(raw: bytes, path: Path) -> None:
         )
 
 
-def _others(raw: bytes, form: CloudFormat) -> Iterator[tuple[str, str]]:
-    """Other forms that a file looks like, the best first: what to call each, and the keys that say it."""
-    found = []
-    for dtype in [form.dtype] if form.dtype else DTYPES:
-        for columns in [form.columns] if form.columns else (4, *OTHER_COLUMNS):
-            if not len(raw) or len(raw) % (columns * np.dtype(DTYPES[dtype]).itemsize):
-                continue
+def _other_form(raw: bytes, form: CloudFormat) -> tuple[str, str] | None:
+    """The other form that a file looks like: what to call it, and the keys that say it."""
+    for dtype in [form.dtype] if form.dtype else DTYPES:  # pairs of float32 can pass for float64
+        columns = _own_columns(raw, dtype, [form.columns] if form.columns else (4, *OTHER_COLUMNS))
+        if columns is None:
+            continue
+        names, keys = [], []
+        if dtype != (form.dtype or "float32"):
+            names, keys = [dtype], [f"data.cloud.dtype={dtype}"]
+        if columns != (form.columns or 4):
+            names, keys = [f"{columns} columns", *names], [f"data.cloud.columns={columns}", *keys]
+        return " of ".join(names), " ".join(keys)
+    return None
+
+
+def _own_columns(raw: bytes, dtype: str, possible: Sequence[int]) -> int | None:
+    """The number of columns with which neighbours are nearest, of those that look right; None where none does."""
+    found: dict[int, float] = {}
+    for columns in possible:
+        if len(raw) % (columns * np.dtype(DTYPES[dtype]).itemsize) == 0:
             rows = np.frombuffer(raw, DTYPES[dtype]).reshape(-1, columns)
-            if what_looks_wrong(rows):
-                continue
-            names, keys = [], []
-            if dtype != (form.dtype or "float32"):
-                names, keys = [dtype], [f"data.cloud.dtype={dtype}"]
-            if columns != (form.columns or 4):
-                names, keys = (
-                    [f"{columns} columns", *names],
-                    [f"data.cloud.columns={columns}", *keys],
-                )
-            if names:
-                found.append((distance(rows.ravel(), columns), " of ".join(names), " ".join(keys)))
-    for _, name, key in sorted(found):
-        yield name, key
+            if not what_looks_wrong(rows):
+                found[columns] = distance(rows.ravel(), columns)
+    # Points further along a scan are near too: of twice the columns, the fewer are meant.
+    near = [n for n in sorted(found) if found[n] <= NEARER * min(found.values())]
+    return near[0] if near else None
 
 
 def what_looks_wrong(rows: Float) -> str:
