@@ -235,8 +235,8 @@ def _data(section: Mapping[str, Any]) -> DataSettings:
     read: dict[str, Any] = {
         key: None if path is None else Path(path) for key, path in paths.items()
     }
-    read["cloud"] = CloudFormat(**section["cloud"])
-    read["image_size"] = checked_size(section["image_size"])
+    read["cloud"] = CloudFormat(**section.get("cloud", {}))
+    read["image_size"] = checked_size(section.get("image_size"))
     return DataSettings(**{**section, **read})
 
 

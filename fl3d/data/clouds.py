@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fl3d.core.errors import ConfigError, DataError
 from fl3d.data.pcd import is_pcd, read_pcd
-from fl3d.data.text import read_bytes
+from fl3d.data.text import is_there, read_bytes
 
 Float = NDArray[np.floating[Any]]
 
@@ -88,7 +88,7 @@ class Cloud:
 def find_cloud(folder: Path, name: str) -> Path:
     """The file of a frame's cloud: the first of ``.bin``, ``.npy`` and ``.pcd`` that is there, or else ``.bin``."""
     paths = [folder / f"{name}.{ending}" for ending in ENDINGS]
-    return next((path for path in paths if path.exists()), paths[0])
+    return next((path for path in paths if is_there(path)), paths[0])
 
 
 def read_cloud(path: Path, form: CloudFormat | None = None) -> Cloud:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
 from fl3d.data.label_parser import TYPES, kitti_spelling
-from fl3d.data.text import finite, read_lines
+from fl3d.data.text import finite, is_there, read_lines
 
 CLASSES = {"Pedestrian": 1, "Car": 2, "Cyclist": 3}
 _NUMBERS = {str(number): name for name, number in CLASSES.items()}
@@ -39,7 +39,7 @@ def read_image_boxes(root: Path, name: str = "Car") -> ImageBoxes | None:
     Raises:
         DataError: a line is not such a box.
     """
-    paths = [root / FOLDER / file for file in FILES if (root / FOLDER / file).exists()]
+    paths = [root / FOLDER / file for file in FILES if is_there(root / FOLDER / file)]
     if not paths:
         return None
     rows: dict[str, list[list[float]]] = {}

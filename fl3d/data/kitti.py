@@ -22,7 +22,7 @@ from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
 from fl3d.data.labels import Labels, read_labels
 from fl3d.data.pictures import IMAGE_SIZE, find_picture, picture_size, size_without_picture
 from fl3d.data.splits import read_split
-from fl3d.data.text import read_bytes, unreadable
+from fl3d.data.text import is_there, read_bytes, unreadable
 
 __all__ = ["IMAGE_SIZE", "SPLIT_SIZES", "Frame", "KittiFolder"]
 # Frames of the splits that everybody uses: train and val are those of Chen et al., 3D object proposals for accurate
@@ -108,7 +108,7 @@ class KittiFolder:
             DataError: a line is no frame's name, or a frame is there twice.
         """
         path = self.root / "ImageSets" / f"{name}.txt"
-        if not path.exists():
+        if not is_there(path):
             present = [p.stem for p in path.parent.glob("*.txt")]
             raise DataMissing(f"no such split. {options(name, present)}", path)
         return read_split(path)

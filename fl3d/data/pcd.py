@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
 
-_HEAD = re.compile(rb"\s*(#\s*\.PCD|VERSION\s+[.\d]+\s*\n\s*(FIELDS|COLUMNS))", re.IGNORECASE)
+_HEAD = re.compile(rb"(\s*#[^\n]*\n)*\s*(VERSION[ \t]+[.\d]+\s*\n|FIELDS[ \t])", re.IGNORECASE)
 _LONGEST = 4096  # bytes of a header
 _KINDS = {"F": "f", "I": "i", "U": "u"}
 _REFLECTANCES = ("intensity", "reflectance", "reflectivity", "i")

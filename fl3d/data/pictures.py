@@ -12,7 +12,7 @@ from PIL import Image, UnidentifiedImageError
 
 from fl3d.core.errors import ConfigError, DataError
 from fl3d.data.calibration import Calibration
-from fl3d.data.text import unreadable
+from fl3d.data.text import is_there, unreadable
 
 IMAGE_SIZE = (1242, 375)  # pixels; of KITTI, where a frame has no picture
 # Where the middle of KITTI's pictures lies: 600.4 to 609.6 and 172.9 to 185.2 pixels in its 7481 calibrations.
@@ -27,7 +27,7 @@ def find_picture(folder: Path, name: str) -> Path | None:
     for ending in _ENDINGS:
         for spelled in (ending, ending.upper(), ending.capitalize()):
             path = folder / f"{name}.{spelled}"
-            if path.exists():
+            if is_there(path):
                 return path
     return None
 

@@ -22,6 +22,7 @@ from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
 from fl3d.data.kitti import Frame
 from fl3d.data.labels import Labels, labels_from_columns, read_labels, write_labels
 from fl3d.data.pictures import find_picture, picture_size, read_picture, size_without_picture
+from fl3d.data.text import is_there
 from fl3d.detectors.base import Detector
 from fl3d.evaluation.detections import to_labels
 from fl3d.evaluation.protocol import Protocol
@@ -129,10 +130,10 @@ def find_clouds(path: Path) -> list[Path]:
     Raises:
         DataError: the folder holds none.
     """
+    if not is_there(path):
+        raise DataMissing("no such file or folder", path)
     if path.is_file():
         return [path]
-    if not path.exists():
-        raise DataMissing("no such file or folder", path)
     for place in PLACES:
         files = [file for ending in ENDINGS for file in (path / place).glob(f"*.{ending}")]
         if files:
@@ -232,7 +233,7 @@ class CloudReader:
         has_camera = self.settings.calibration != "axes"
         is_in_folder = file.parent.name == "velodyne"
         calib = _beside(file, "calib")
-        is_calibrated = not has_camera or (is_in_folder and calib.exists())
+        is_calibrated = not has_camera or (is_in_folder and is_there(calib))
         # Without a calibration of its own, pictures and labels cannot be laid over a cloud.
         if not is_calibrated:
             size = self._size(self.calibration, self.calibration_file)
@@ -243,7 +244,7 @@ class CloudReader:
         size = picture_size(picture) if picture else self._size(calibration, calib)
         frame = self._frame(file, calibration, size)
         labels = _beside(file, "label_2")
-        if self.with_labels and is_in_folder and labels.exists():
+        if self.with_labels and is_in_folder and is_there(labels):
             frame = replace(frame, labels=read_labels(labels), label_file=labels)
         if is_in_folder:
             frame = replace(frame, image_boxes=self._image_boxes_of(file))

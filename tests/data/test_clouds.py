@@ -262,6 +262,24 @@ PACKED = bytes([31]) + COLUMNS[:32] + bytes([15]) + COLUMNS[32:]
 SIZES = np.array([len(PACKED), 48], dtype="<u4").tobytes()
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b"# .PCD v0.7 - Point Cloud Data file format\n", b""),
+        (b"# .PCD v0.7", b"# made by a tool\r\n\n# of mine"),
+        (b"VERSION 0.7\n", b""),
+        (b"HEIGHT 1\n", b""),
+        (b"COUNT 1 1 1 1\n", b""),
+        (b"\n", b"\r\n"),
+        (b"intensity", b"Reflectance"),
+    ],
+)
+def test_a_header_may_be_shorter_or_longer(tmp_path: Path, old: bytes, new: bytes) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(head(*XYZI, 3, "binary").replace(old, new) + THREE.tobytes())
+    np.testing.assert_array_equal(read_cloud(path).points_velo, THREE)
+
+
 @pytest.mark.parametrize("name", ["a.pcd", "a.bin"])
 @pytest.mark.parametrize(
     ("data", "body"),

@@ -104,7 +104,13 @@ def test_clouds_of_other_forms_are_kittis_when_told_or_known(
     folder, real = KittiFolder(odd_inputs / name, cloud=form), KittiFolder(odd_inputs / "calib-4x4")
     for frame in FRAMES:
         found, plain = folder.read_cloud(frame), real.read_cloud(frame)
-        np.testing.assert_array_equal(found.points_velo, plain.points_velo)
+        lost = len(plain.points_velo) - len(found.points_velo)
+        assert (
+            lost < 4
+        )  # left out of the one with 5 columns, so that it is a whole number of 16 bytes
+        np.testing.assert_array_equal(
+            found.points_velo, plain.points_velo[: len(found.points_velo)]
+        )
     assert targets(folder) == TARGETS
 
 
