@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fl3d.cli import main
+from fl3d.data.calibration import AXES
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.labels import Labels, write_labels
 from fl3d.evaluation.counts import count_labels
@@ -117,3 +119,39 @@ def test_the_validation_labels_are_counted_beforehand(
     assert points is not None
     cars = gt.types == 0
     assert (points[cars & ~beyond] > 0).any()
+
+
+def test_a_folder_without_calibrations_is_checked_and_scores_the_same(
+    trained: tuple[Prepared, MemoryStore],
+    around: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    prepared, _ = trained
+    source = KittiFolder(around, crop="none")
+    lidar_only = KittiFolder(tmp_path, crop="none", calibration="axes")
+    shutil.copytree(around / "ImageSets", tmp_path / "ImageSets")
+    shutil.copytree(around / "training" / "velodyne", tmp_path / "training" / "velodyne")
+    (tmp_path / "training" / "label_2").mkdir()
+    for frame_id in FRAMES:
+        labels = source.read_labels(frame_id)
+        boxes_velo = source.read_calibration(frame_id).boxes_to_velo(labels.boxes_cam)
+        renamed = replace(labels, boxes_cam=AXES.boxes_to_cam(boxes_velo))
+        write_labels(lidar_only.path("label_2", frame_id), renamed)
+    words = [word for word in WORDS if not word.startswith("schedule")]
+    picture = tmp_path / "frame.png"
+    main(
+        [
+            *("check", str(tmp_path), *words, "profile=tiny", "data.calibration=axes"),
+            *("--picture", str(picture)),
+        ]
+    )
+    cars = sum(int((source.read_labels(i).types == "Car").sum()) for i in FRAMES)
+    assert f"of {cars} labels of class Car, " in capsys.readouterr().out
+    assert picture.exists()
+    folder: RunFolder = prepared.layout.run(prepared.plan.trials[0].key)
+    stored = read_detections(folder.detections(folder.steps()[-1]))
+    protocol = prepared.settings.protocol
+    expected = score(stored, read_validation(source, FRAMES), protocol)
+    found = score(stored, read_validation(lidar_only, FRAMES), protocol)
+    assert found == pytest.approx(expected, abs=2)  # labels are rounded to centimetres anew

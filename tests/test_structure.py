@@ -16,6 +16,7 @@ FLOORS = [
     {"data", "losses", "sparse", "points"},
     {"detectors", "evaluation"},
     {"simulator", "config", "store", "reports"},
+    {"check"},
     {"runs"},
     {"inference"},
     {"training"},

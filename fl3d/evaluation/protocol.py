@@ -7,6 +7,7 @@ from typing import Any
 
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError, options
+from fl3d.data.labels import TYPES
 from fl3d.evaluation import VERSION
 from fl3d.geometry.nms import KINDS
 
@@ -74,6 +75,9 @@ class Protocol:
                 raise ConfigError(
                     f"protocol.{key}: no choice '{value}'. {options(value, possible)}"
                 )
+        for name in self.overlaps:
+            if name.lower() not in {known.lower() for known in TYPES}:
+                raise ConfigError(f"protocol.overlaps: no class '{name}'. {options(name, TYPES)}")
         for key, number in (("score_threshold", self.score_threshold), ("nms_iou", self.nms_iou)):
             if not isinstance(number, int | float) or not 0 <= number <= 1:
                 raise ConfigError(f"protocol.{key}: '{number}' is not a number from 0 to 1")
