@@ -10,7 +10,8 @@ from itertools import groupby
 from fl3d.reports.table import Cell, Table
 
 GROUPS = {"BEV": r"Bird's Eye View AP (\%)", "3D": r"3D Detection AP (\%)"}
-LATEX = {"\\": r"\textbackslash{}", **{c: rf"\{c}" for c in "_%&#$"}}
+LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+LATEX |= {character: rf"\{character}" for character in "_%&#${}"}
 SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"  # to the column's width, if wider
 SYMBOLS = {
     "γ": r"$\gamma$",
@@ -115,11 +116,7 @@ def _latex_cell(cell: Cell) -> str:
 
 
 def _latex(text: str) -> str:
-    for character, escaped in LATEX.items():
-        text = text.replace(character, escaped)
-    for character, escaped in SYMBOLS.items():
-        text = text.replace(character, escaped)
-    return text
+    return text.translate(str.maketrans(LATEX | SYMBOLS))
 
 
 def to_html(table: Table) -> str:

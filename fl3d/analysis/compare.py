@@ -1,0 +1,249 @@
+"""Anybody's detectors compared by their result files: APs, gains over one of them, and verdicts from three runs on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from fl3d.analysis.gains import is_one_step
+from fl3d.analysis.result_folders import Held
+from fl3d.analysis.samples import (
+    AVERAGES,
+    CELLS,
+    Float,
+    interval_columns,
+    pair_seeds,
+    resample_cell,
+)
+from fl3d.analysis.verdicts import judge_group
+from fl3d.core.errors import ConfigError, options
+from fl3d.evaluation.bootstrap import N_RESAMPLES
+from fl3d.evaluation.intervals import Interval, Sample, interval, joint_intervals
+from fl3d.evaluation.verdicts import FEWEST
+
+MARGIN = 1.0  # AP; as conf/config.yaml has it
+PRIMARY = ("3d", "bev", "image")  # the first that can be compared is what verdicts are about, moderate, R40
+Cell = tuple[str, str]  # metric and difficulty
+Key = tuple[str, Cell]  # of a detector
+# Of each detector and cell, by run: (2,) APs, and (R, 2) in the resamples.
+Drawn = Mapping[Key, Mapping[int, tuple[Float, Float]]]
+NO_INTERVAL = Interval(np.nan, np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What a comparison has found.
+
+    Args:
+        held: what was compared.
+        baseline: name of the detector that the others are held against.
+        classes: that were compared.
+        cells: a row for each class, metric, difficulty, average and detector: ``runs``, ``n_gt``, ``ap`` and ``gain``
+            with ``_low`` and ``_high``, ``one_r11_step`` and ``marked``. The gains' intervals hold for all gains of the
+            class in that average at once. NaN where a detector has no such boxes, and for gains of the baseline.
+            ``marked``: the gain in R40 differs from zero, and is the mean of three runs at least.
+        verdicts: a row for each class (``group``) and detector (``level``) that has boxes for the primary metric, see
+            ``analysis.verdicts.judge``.
+        margin: of the verdicts, AP.
+        notes: what a reader must know beside the numbers.
+    """
+
+    held: Held
+    baseline: str
+    classes: tuple[str, ...]
+    cells: pd.DataFrame
+    verdicts: pd.DataFrame
+    margin: float
+    notes: tuple[str, ...]
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Names of the detectors but the baseline's."""
+        return tuple(name for name in self.held.names if name != self.baseline)
+
+    def primary(self, class_name: str) -> str:
+        """View that verdicts on a class are about, see ``primary_view``."""
+        return primary_view(self.held, self.baseline, class_name) or PRIMARY[0]
+
+
+def compare_detectors(
+    held: Held,
+    baseline: str | None = None,
+    classes: Sequence[str] = (),
+    margin: float = MARGIN,
+    n_resamples: int = N_RESAMPLES,
+) -> Compared:
+    """AP of every detector, gains over the baseline, and verdicts on detectors of three runs or more.
+
+    Runs are paired by their places: the first of a detector with the first of the baseline.
+
+    Args:
+        held: see ``result_folders.hold``.
+        baseline: name of the detector that the others are held against; None: the first.
+        classes: that are compared; empty: those that the baseline and another detector detect.
+        margin: gains below it do not matter, AP.
+        n_resamples: of the frames, or of the drives.
+
+    Raises:
+        ConfigError: no such detector or class, or nothing to compare.
+    """
+    base = held.names[0] if baseline is None else baseline
+    if base not in held.names:
+        raise ConfigError(f"--baseline {base}: no such detector. {options(base, held.names)}")
+    chosen = _classes(held, base, classes)
+    cells: list[dict[str, Any]] = []
+    verdicts: list[dict[str, Any]] = []
+    for name in chosen:
+        drawn = _draw(held, name, n_resamples)
+        cells += _cell_rows(held, base, name, drawn)
+        verdicts += _verdict_rows(held, base, name, drawn, margin)
+    notes = (*held.notes, *_notes(held, base, chosen))
+    return Compared(held, base, chosen, pd.DataFrame(cells), pd.DataFrame(verdicts), margin, notes)
+
+
+def primary_view(held: Held, baseline: str, class_name: str) -> str | None:
+    """The first of 3D, BEV and 2D that the baseline and another detector have boxes for; None: there is none."""
+    own = held.metrics(baseline, class_name)
+    others = [held.metrics(name, class_name) for name in held.names if name != baseline]
+    return next((m for m in PRIMARY if m in own and any(m in other for other in others)), None)
+
+
+def _classes(held: Held, baseline: str, asked: Sequence[str]) -> tuple[str, ...]:
+    """Classes to compare, written as the protocol does."""
+    known = {name.lower(): name for name in held.protocol.overlaps}
+    for name in asked:
+        if name.lower() not in known:
+            possible = options(name, known.values())
+            raise ConfigError(f"--classes {name}: no class of the protocol. {possible}")
+    chosen = [known[name.lower()] for name in asked] or list(known.values())
+    found = [name for name in dict.fromkeys(chosen) if primary_view(held, baseline, name)]
+    if not found:
+        detected = {
+            one: ", ".join(name for name in chosen if held.metrics(one, name)) or "nothing"
+            for one in held.names
+        }
+        told = "; ".join(f"{one}: {names}" for one, names in detected.items())
+        raise ConfigError(
+            f"nothing to compare: {baseline} and another detector have no class and kind of box "
+            f"in common. Of {', '.join(chosen)} they detect, {told}"
+        )
+    return tuple(found)
+
+
+def _draw(held: Held, class_name: str, n_resamples: int) -> Drawn:
+    """APs of each detector's runs in every cell that it has boxes for."""
+    units = held.units.of_frames
+    return {
+        (name, cell): {
+            number: resample_cell(run, cell, units, n_resamples, class_name)
+            for number, run in enumerate(held.runs[name])
+        }
+        for name in held.names
+        for cell in CELLS
+        if cell[0] in held.metrics(name, class_name)
+    }
+
+
+def _sampled(drawn: Drawn, key: Key, baseline: str, average: int) -> tuple[Sample, Sample | None]:
+    """AP and gain of a detector's cell; no gain where the baseline has no such boxes."""
+
+    def of(one: Key) -> dict[int, tuple[float, Float]]:
+        runs = drawn[one].items()
+        return {n: (float(values[average]), draws[:, average]) for n, (values, draws) in runs}
+
+    base = (baseline, key[1])
+    if base not in drawn:
+        return pair_seeds(of(key), of(key))[0], None
+    return pair_seeds(of(key), of(base))
+
+
+def _cell_rows(held: Held, baseline: str, class_name: str, drawn: Drawn) -> list[dict[str, Any]]:
+    """Rows of one class, see ``Compared``."""
+    any_run = held.runs[baseline][0]
+    counts = {cell: int(any_run.matches(class_name, *cell).n_gt.sum()) for cell in CELLS}
+    tables = [_average_rows(held, baseline, drawn, place) for place in range(len(AVERAGES))]
+    rows = []
+    for place, average in enumerate(AVERAGES):
+        for name in held.names:
+            for cell in CELLS:
+                row = {"class": class_name, "metric": cell[0], "difficulty": cell[1]}
+                row |= {"average": average, "detector": name, "n_gt": counts[cell]}
+                row |= tables[place][name, cell]
+                r11, r40 = (table[name, cell]["gain"] for table in tables)
+                row["one_r11_step"] = average == "R11" and is_one_step(r11, r40)
+                rows.append(row)
+    return rows
+
+
+def _average_rows(
+    held: Held, baseline: str, drawn: Drawn, place: int
+) -> dict[Key, dict[str, Any]]:
+    """AP and gain of all cells of one class in one average, gains as one family."""
+    sampled = {key: _sampled(drawn, key, baseline, place) for key in drawn}
+    family = {
+        key: gain for key, (_, gain) in sampled.items() if gain is not None and key[0] != baseline
+    }
+    gains = dict(zip(family, joint_intervals(list(family.values())), strict=True))
+    rows: dict[Key, dict[str, Any]] = {}
+    for key in ((name, cell) for name in held.names for cell in CELLS):
+        ap = interval(sampled[key][0]).within_percent() if key in sampled else NO_INTERVAL
+        n_runs = len(sampled[key][0].values) if key in sampled else len(held.runs[key[0]])
+        gain = gains.get(key, NO_INTERVAL)
+        is_marked = AVERAGES[place] == "R40" and n_runs >= FEWEST and gain.excludes_zero
+        rows[key] = {
+            "runs": n_runs,
+            **interval_columns("ap", ap),
+            **interval_columns("gain", gain),
+            "marked": is_marked,
+        }
+    return rows
+
+
+def _verdict_rows(
+    held: Held, baseline: str, class_name: str, drawn: Drawn, margin: float
+) -> list[dict[str, Any]]:
+    """Verdicts on one class, as ``analysis.verdicts.judge`` gives them."""
+    view = primary_view(held, baseline, class_name)
+    cell, place = (str(view), "moderate"), AVERAGES.index("R40")
+    pairs = {}
+    for name in held.names:
+        if (name, cell) in drawn:
+            ap, gain = _sampled(drawn, (name, cell), baseline, place)
+            if gain is not None:
+                pairs[name] = (ap, gain)
+    front = {"group": class_name, "metric": f"{view}_r40/moderate"}
+    judged = judge_group(pairs, baseline, margin)
+    return [{**front, "level": name, **row} for name, row in judged.items()]
+
+
+def _notes(held: Held, baseline: str, classes: Sequence[str]) -> list[str]:
+    """What is not compared, and which runs have no partner."""
+    notes = []
+    for name in held.names:
+        for class_name in classes:
+            have = held.metrics(name, class_name)
+            lacking = [VIEWS[metric] for metric in PRIMARY if metric not in have]
+            if not have:
+                notes.append(f"{name} has no detection of {class_name}: no AP and no gain.")
+            elif lacking:
+                kinds = " and ".join(lacking)
+                notes.append(f"{name} has no {kinds} boxes of {class_name}: no AP, no gain there.")
+        own, base = len(held.runs[name]), len(held.runs[baseline])
+        if own != base:
+            shared = min(own, base)
+            notes.append(
+                f"{name} has {own} runs, {baseline} {base}: the first {shared} of each are paired."
+            )
+    left = [c for c in held.protocol.overlaps if c not in classes]
+    for class_name in left:
+        if held.metrics(baseline, class_name) or any(held.metrics(n, class_name) for n in held.names):
+            having = [n for n in held.names if held.metrics(n, class_name)]
+            notes.append(f"{class_name} is not compared; detected by {', '.join(having)}.")
+    return notes
+
+
+VIEWS = {"3d": "3D", "bev": "bird's-eye", "image": "2D"}

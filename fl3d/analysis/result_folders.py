@@ -1,0 +1,165 @@
+"""Anybody's detectors, as folders of KITTI result files, held against the labels of the same frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fl3d.core.errors import ConfigError, DataError
+from fl3d.data.label_table import NAMES, LabelTable, read_table
+from fl3d.evaluation.average_precision import Comparison, compare
+from fl3d.evaluation.folders import result_ids
+from fl3d.evaluation.protocol import Protocol
+from fl3d.runs.units import Units, units_of_frames
+
+UNKNOWN = -999.0  # metres: KITTI writes -1000 where there is no 3D box
+SHOWN = 3  # frames that are named where folders differ
+MISSING = ("error", "skip", "empty")
+
+
+@dataclass(frozen=True)
+class Detector:
+    """A detector, as it stands in a comparison.
+
+    Args:
+        name: for people.
+        folders: of result files, one for each run of its training.
+    """
+
+    name: str
+    folders: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
+class Held:
+    """The results of some detectors held against the labels of the same frames.
+
+    Args:
+        ids: of the frames.
+        detectors: in the order in which they are shown.
+        runs: of each detector's name, a comparison for each of its runs.
+        protocol: what an AP stands for.
+        units: what is resampled.
+        notes: what a reader must know of how frames were chosen.
+    """
+
+    ids: tuple[str, ...]
+    detectors: tuple[Detector, ...]
+    runs: Mapping[str, tuple[Comparison, ...]]
+    protocol: Protocol
+    units: Units
+    notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the detectors."""
+        return tuple(detector.name for detector in self.detectors)
+
+    def metrics(self, name: str, class_name: str) -> tuple[str, ...]:
+        """Metrics for which every run of a detector has boxes of a class, see ``metrics_of``."""
+        own = [metrics_of(one.det, class_name) for one in self.runs[name]]
+        return tuple(metric for metric in own[0] if all(metric in other for other in own))
+
+
+def metrics_of(det: LabelTable, class_name: str) -> tuple[str, ...]:
+    """Metrics for which there are boxes of a class: in the picture, from above, in space; none without detections."""
+    boxes = det.values[det.types == NAMES.index(class_name.lower())]
+    height, width, length, z = boxes[:, 7], boxes[:, 8], boxes[:, 9], boxes[:, 12]
+    in_image = (boxes[:, 5] > boxes[:, 3]) & (boxes[:, 6] > boxes[:, 4])
+    from_above = (width > 0) & (length > 0) & (z > UNKNOWN)
+    have = {"image": in_image, "bev": from_above, "3d": from_above & (height > 0)}
+    return tuple(metric for metric, is_box in have.items() if is_box.any())
+
+
+def hold(
+    labels: Path,
+    detectors: Sequence[Detector],
+    protocol: Protocol,
+    ids: Sequence[str] | None = None,
+    missing: str = "error",
+    mapping: Path | None = None,
+) -> Held:
+    """Read the result files of detectors, and hold them against the labels.
+
+    Args:
+        labels: folder of label files.
+        detectors: at least two, of different names.
+        protocol: overlaps and variant; results are taken as they are, neither cut nor suppressed.
+        ids: frames to compare on; None: those that have a result file.
+        missing: what becomes of a frame that a folder has no file of: ``error``; ``skip``, it is left out for all;
+            ``empty``, nothing was found in it.
+        mapping: folder of KITTI's mapping of frames to drives; None: ``mapping`` beside ``training``, if it is there.
+
+    Raises:
+        ConfigError: fewer than two detectors, or two of one name.
+        DataError: a folder or file is missing, malformed, or of other frames than the others.
+    """
+    names = [detector.name for detector in detectors]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ConfigError(f"two detectors are named '{twice[0]}'; name them apart: NAME=FOLDER")
+    if len(names) < 2:
+        raise ConfigError("a comparison needs two detectors at least")
+    if not labels.is_dir():
+        raise DataError("no such folder of labels", labels)
+    present = {folder: set(result_ids(folder)) for one in detectors for folder in one.folders}
+    frames, notes = _frames(present, ids, missing)
+    gt = read_table(labels, frames, scored=False)
+    runs = {
+        one.name: tuple(
+            compare(gt, _read(folder, frames, present[folder]), protocol) for folder in one.folders
+        )
+        for one in detectors
+    }
+    folder = labels.parent.parent / "mapping" if mapping is None else mapping
+    if mapping is not None and not mapping.is_dir():
+        raise DataError("no such folder of KITTI's mapping of frames to drives", mapping)
+    units = units_of_frames(frames, folder, "--mapping")
+    return Held(tuple(frames), tuple(detectors), runs, protocol, units, notes)
+
+
+def _frames(
+    present: Mapping[Path, set[str]], ids: Sequence[str] | None, missing: str
+) -> tuple[list[str], tuple[str, ...]]:
+    """Frames that are compared on, and what there is to be said of the choice."""
+    wanted = set().union(*present.values()) if ids is None else set(ids)
+    if not wanted:
+        raise DataError("holds no frame", "the split")
+    lacking = {folder: sorted(wanted - own) for folder, own in present.items()}
+    lacking = {folder: frames for folder, frames in lacking.items() if frames}
+    if not lacking:
+        return sorted(wanted), ()
+    told = [f"{folder} lacks {_listed(frames)} of {len(wanted)} frames" for folder, frames in lacking.items()]
+    if missing == "error":
+        raise ConfigError(
+            f"{'; '.join(told)}: --missing skip leaves them out for all detectors, --missing empty takes it that "
+            "nothing was found in them"
+        )
+    what = "left out for all" if missing == "skip" else "taken as frames in which nothing was found"
+    notes = tuple(f"{one}: {what}." for one in told)
+    if missing == "empty":
+        return sorted(wanted), notes
+    shared = wanted.intersection(*present.values())
+    if not shared:
+        raise ConfigError(f"no frame is in all folders: {'; '.join(told)}")
+    return sorted(shared), notes
+
+
+def _listed(frames: Sequence[str]) -> str:
+    """``5 (000001, 000002, 000003, ...)``."""
+    more = ", ..." if len(frames) > SHOWN else ""
+    return f"{len(frames)} ({', '.join(frames[:SHOWN])}{more})"
+
+
+def _read(folder: Path, ids: Sequence[str], present: set[str]) -> LabelTable:
+    """Results of frames; nothing in those without a file."""
+    own = [frame_id for frame_id in ids if frame_id in present]
+    table = read_table(folder, own, scored=True)
+    if len(own) == len(ids):
+        return table
+    counts = dict(zip(own, np.diff(table.offsets), strict=True))
+    sizes = [counts.get(frame_id, 0) for frame_id in ids]
+    return LabelTable(np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64), table.types, table.values)
