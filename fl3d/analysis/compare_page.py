@@ -1,0 +1,206 @@
+"""Everything of a comparison of detectors in one folder: tables, figures and a page of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from fl3d.analysis.compare import Compared
+from fl3d.analysis.differences import ALARMS, changed_frames, cuts, found_by_part
+from fl3d.analysis.surroundings import Surroundings
+from fl3d.core.files import write_text
+from fl3d.reports.comparison import (
+    ONE_RUN,
+    VIEWS,
+    Shown,
+    ap_table,
+    gain_table,
+    verdict_table,
+)
+from fl3d.reports.figures.curves import precision_recall
+from fl3d.reports.figures.differences import draw_found_by_part, frames_from_above
+from fl3d.reports.figures.forest import forest
+from fl3d.reports.levels import Levels, slug
+from fl3d.reports.page import Section, folded, listing, page, paragraph, picture, preformatted
+from fl3d.reports.render import to_csv, to_html, to_latex, to_markdown
+from fl3d.reports.table import Table
+
+FEW = 3  # frames of each kind that are drawn
+RECALLS = np.arange(41) / 40
+FOREST = (
+    "Gain of each detector over {baseline} in AP, with 95 % intervals that hold for all of a class at once, and "
+    "number of runs (n); grey: the margin within which a gain does not matter."
+)
+CURVES = "Precision against recall, moderate; of several runs the mean at each recall."
+PARTS = (
+    "{name}, {view}: share of the objects found, by what they are like; numbers of objects below. Each detector is cut "
+    "at the score where it makes {alarms:g} false alarms a frame. Bars: 95 % intervals, each for itself."
+)
+FRAMES = (
+    "Frames in which {other} finds {more} than {baseline}, false alarms taken off; both cut at {alarms:g} false alarms "
+    "a frame. The stroke in a box points to its front."
+)
+
+
+def tables_of(compared: Compared) -> list[Table]:
+    """Tables of a comparison as papers print them: verdicts, APs of each class in R40 and R11, gains."""
+    shown = shown_of(compared)
+    tables = [verdict_table(compared.verdicts, shown)]
+    for name in compared.classes:
+        tables += [ap_table(compared.cells, name, average, shown) for average in ("R40", "R11")]
+        tables.append(gain_table(compared.cells, name, shown))
+    return tables
+
+
+def shown_of(compared: Compared) -> Shown:
+    """Whom the tables show, with the notes below them."""
+    units = compared.held.units
+    is_single = (compared.verdicts["seeds"] == 1).all()
+    notes = (units.note, *([ONE_RUN.format(units=units.name)] if is_single else []), *compared.notes)
+    return Shown(compared.held.names, compared.baseline, compared.margin, notes)
+
+
+def write_comparison(
+    compared: Compared, folder: Path, surroundings: Surroundings, command: str = ""
+) -> list[Path]:
+    """Write tables (Markdown, LaTeX, CSV), figures and one page.
+
+    Args:
+        compared: see ``compare.compare_detectors``.
+        folder: is made.
+        surroundings: clouds and pictures, where they are at hand.
+        command: that made it, for the page.
+
+    Returns:
+        ``compare.html`` first, then the other files.
+
+    Raises:
+        DataError: clouds, calibrations or pictures cannot be read.
+    """
+    surroundings.check(compared.held.ids)
+    tables = tables_of(compared)
+    written = _write_tables(tables, compared.cells, folder)
+    figures = folder / "figures"
+    levels = Levels("", compared.held.names, compared.baseline)
+    drawn = forest(compared.verdicts, levels, compared.margin, figures / "forest")
+    curves = precision_recall(_curves(compared), levels, figures / "precision_recall")
+    points = surroundings.points_on_objects(compared)
+    parts, frames = [], []
+    for name in compared.classes:
+        data = found_by_part(compared, name, points)
+        path = figures / f"found_{slug(name)}"
+        parts.append((name, draw_found_by_part(data, compared.held.names, path)))
+        frames += _draw_frames(compared, name, surroundings, figures)
+    sections = [
+        Section("Verdict", (_shown(drawn, FOREST.format(baseline=compared.baseline)), to_html(tables[0]))),
+        Section("AP", tuple(_ap_parts(tables[1:]))),
+        Section("Precision and recall", (_shown(curves, CURVES),)),
+        Section("Where they differ", tuple(_shown(paths, _part_caption(compared, name)) for name, paths in parts)),
+        Section("Frames", tuple(_shown(paths, caption) for caption, paths in frames)),
+        Section("How it was made", _provenance(compared, command)),
+    ]  # fmt: skip
+    title = f"{' and '.join(compared.others)} against {compared.baseline}"
+    lead = f"{len(compared.held.ids)} frames, {', '.join(compared.classes)}. {compared.held.units.note}"
+    target = folder / "compare.html"
+    write_text(target, page(title, lead, [one for one in sections if any(one.parts)]))
+    files = [*written, *drawn, *curves, *(p for _, paths in [*parts, *frames] for p in paths)]
+    return [target, *files]
+
+
+def _write_tables(tables: Sequence[Table], cells: pd.DataFrame, folder: Path) -> list[Path]:
+    texts = {
+        "compare.md": "\n".join(to_markdown(table) for table in tables),
+        "compare.tex": "\n".join(to_latex(table) for table in tables),
+        "compare.csv": cells.to_csv(index=False, lineterminator="\n"),
+        "verdicts.csv": to_csv(tables[0]),
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [folder / name for name in texts]
+
+
+def _shown(paths: Sequence[Path], caption: str) -> str:
+    """The PNG of some written files, on the page; nothing where nothing was drawn."""
+    pngs = [path for path in paths if path.suffix == ".png"]
+    return picture(pngs[0].read_bytes(), caption) if pngs else ""
+
+
+def _ap_parts(tables: Sequence[Table]) -> list[str]:
+    """Of each class R40 and gains; R11 is opened by a click."""
+    parts = []
+    for table in tables:
+        is_r11 = table.name.endswith("-r11")
+        parts.append(folded(f"{table.caption}", to_html(table)) if is_r11 else to_html(table))
+    return parts
+
+
+def _part_caption(compared: Compared, name: str) -> str:
+    return PARTS.format(name=name, view=VIEWS[compared.primary(name)], alarms=ALARMS)
+
+
+def _curves(compared: Compared) -> pd.DataFrame:
+    """Precision at 41 recalls of each class and view (``group``) and detector (``level``)."""
+    held, rows = compared.held, []
+    for class_name in compared.classes:
+        for view, told in VIEWS.items():
+            for name in held.names:
+                if view not in held.metrics(name, class_name):
+                    continue
+                runs = [one.curve(class_name, view, "moderate").precision for one in held.runs[name]]
+                front = {"group": f"{class_name}, {told}", "level": name, "recall": RECALLS}
+                rows.append(pd.DataFrame({**front, "precision": np.mean(runs, axis=0)}))
+    return pd.concat(rows, ignore_index=True)
+
+
+def _draw_frames(
+    compared: Compared, class_name: str, surroundings: Surroundings, figures: Path
+) -> list[tuple[str, list[Path]]]:
+    """Frames with the largest change, for each detector those gained and those lost: captions and files."""
+    if compared.primary(class_name) == "image":
+        return []
+    at = cuts(compared, class_name)
+    drawn = []
+    for number, other in enumerate(compared.others):
+        if other not in at:
+            continue
+        frames = changed_frames(compared, class_name, other)
+        kinds = {"more": frames[frames["change"] > 0].head(FEW)}
+        kinds["less"] = frames[frames["change"] < 0].tail(FEW).iloc[::-1]
+        for more, rows in kinds.items():
+            if rows.empty:
+                continue
+            names = (compared.baseline, other)
+            seen = [
+                (
+                    _frame_title(row),
+                    [surroundings.seen(compared, name, at[name][0], row["place"]) for name in names],
+                )
+                for row in rows.to_dict("records")
+            ]
+            words = {"other": other, "more": more, "baseline": compared.baseline, "alarms": ALARMS}
+            path = figures / f"frames_{slug(class_name)}_{number + 1}_{more}"
+            caption = f"{class_name}: {FRAMES.format(**words)}"
+            drawn.append((caption, frames_from_above(seen, names, path)))
+    return drawn
+
+
+def _frame_title(row: dict[str, object]) -> str:
+    found = f"found {row['found_base']} → {row['found']} of {row['n_gt']}"
+    return f"{row['frame']}\n{found}, alarms {row['alarms_base']} → {row['alarms']}"
+
+
+def _provenance(compared: Compared, command: str) -> tuple[str, ...]:
+    held = compared.held
+    folders = [f"{one.name}: {', '.join(map(str, one.folders))}" for one in held.detectors]
+    protocol = f"Protocol {held.protocol.id}: {json.dumps(asdict(held.protocol))}"
+    return (
+        *([preformatted(command)] if command else []),
+        listing(folders),
+        paragraph(protocol),
+        paragraph("Results are taken as they are, neither cut nor suppressed."),
+    )

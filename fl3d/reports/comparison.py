@@ -1,0 +1,159 @@
+"""Tables of a comparison of detectors, whoever trained them. Pure: rows of ``analysis.compare`` in, tables out."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from fl3d.evaluation.verdicts import Verdict
+from fl3d.reports.intervals import DAGGER
+from fl3d.reports.levels import DIFFICULTIES, slug
+from fl3d.reports.table import HEADS, Cell, Column, Table, is_better
+from fl3d.reports.verdicts import LEGEND, gain_text, verdict_text
+
+VIEWS = {"3d": "3D", "bev": "BEV", "image": "2D"}  # in the order of the tables
+NOTHING = "–"
+AT_ONCE = "all gains of the class in that average hold at once (95 %)"
+STAR = "star: differs from zero, from three runs on"
+ONE_RUN = (
+    "One run of each says what these two would do on other such {units}, not what another training of them would: "
+    "no verdict and no star. Three runs make one: NAME=RUN1,RUN2,RUN3."
+)
+Row = Mapping[Hashable, Any]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Whom the tables show.
+
+    Args:
+        names: of the detectors, in order.
+        baseline: the one that the others are held against.
+        margin: of the verdicts, AP.
+        notes: put below.
+    """
+
+    names: Sequence[str]
+    baseline: str
+    margin: float
+    notes: tuple[str, ...] = ()
+
+
+def verdict_table(verdicts: pd.DataFrame, shown: Shown) -> Table:
+    """Each detector's AP, gain and verdict in the primary metric of each class.
+
+    Args:
+        verdicts: see ``analysis.compare.Compared``.
+        shown: whom.
+    """
+    columns = (
+        Column("class", "class"),
+        Column("detector", "detector"),
+        Column("runs", "runs", "", True),
+        Column("ap", "AP"),
+        Column("gain", f"gain over {shown.baseline}"),
+        Column("verdict", "verdict"),
+    )
+    rows = [_verdict_row(row, shown.margin) for row in verdicts.to_dict("records")]
+    metrics = verdicts.groupby("metric", sort=False)["group"].agg(list)
+    told = "; ".join(f"{', '.join(dict.fromkeys(c))}: {m}" for m, c in metrics.items())
+    caption = f"Is it better than {shown.baseline}? By {told}"
+    legend = LEGEND.format(margin=shown.margin)
+    return Table("verdicts", caption, columns, tuple(rows), legend, shown.notes)
+
+
+def _verdict_row(row: Row, margin: float) -> tuple[Cell, ...]:
+    is_base = row["verdict"] == Verdict.BASELINE
+    ap = f"{row['ap']:.2f} [{row['ap_low']:.2f}, {row['ap_high']:.2f}]"
+    word = verdict_text(row, margin).replace("seed", "run")
+    return (
+        Cell(str(row["group"])),
+        Cell(str(row["level"])),
+        Cell(str(row["seeds"])),
+        Cell(ap),
+        Cell("" if is_base else gain_text(row)),
+        Cell(word, bold=Verdict(row["verdict"]).is_final),
+    )
+
+
+def ap_table(cells: pd.DataFrame, class_name: str, average: str, shown: Shown) -> Table:
+    """APs of a class as papers print them: a row a detector, three difficulties of each view.
+
+    Args:
+        cells: see ``analysis.compare.Compared``.
+        class_name: one of its classes.
+        average: ``R11`` or ``R40``.
+        shown: whom.
+    """
+    own = _of(cells, class_name, average)
+    views = [view for view in VIEWS if own.xs(view, level="metric")["ap"].notna().any()]
+    places = [(view, level) for view in views for level in DIFFICULTIES]
+    columns = (
+        Column("detector", "detector"),
+        *(Column(f"{v}_{level}", HEADS[level], VIEWS[v], True) for v, level in places),
+    )
+    rows = []
+    for name in shown.names:
+        line = [Cell(name)]
+        for place in places:
+            row = own.loc[(name, *place)]
+            bold = is_better(row["ap"], row["ap"] - row["gain"])
+            text = NOTHING if np.isnan(row["ap"]) else f"{row['ap']:.2f}"
+            line.append(Cell(text, bold, star=bool(row["marked"])))
+        rows.append(tuple(line))
+    counts = " / ".join(str(own.loc[(shown.baseline, places[0][0], d), "n_gt"]) for d in DIFFICULTIES)
+    caption = f"{class_name}, AP in percent ({average}); {counts} ground truths easy / moderate / hard"
+    marks = [f"bold: better than {shown.baseline}", *([STAR] if own["marked"].any() else [])]
+    name = f"{slug(class_name)}-{average.lower()}"
+    return Table(name, caption, columns, tuple(rows), "; ".join(marks))
+
+
+def gain_table(cells: pd.DataFrame, class_name: str, shown: Shown, narrow: bool = False) -> Table:
+    """AP and gain of every cell of a class, with intervals: a row a cell and detector.
+
+    Args:
+        cells: see ``analysis.compare.Compared``.
+        class_name: one of its classes.
+        shown: whom.
+        narrow: without gains in R11, for a terminal.
+    """
+    own = {average: _of(cells, class_name, average) for average in ("R40", "R11")}
+    columns = [
+        *(Column("cell", ""), Column("n_gt", "objects", "", True), Column("detector", "detector")),
+        *(Column("r40", "R40", "", True), Column("r40_gain", f"gain over {shown.baseline}")),
+        Column("r11", "R11", "", True),
+        *([] if narrow else [Column("r11_gain", "gain in R11")]),
+    ]
+    rows = []
+    for place in ((view, level) for view in VIEWS for level in DIFFICULTIES):
+        having = [n for n in shown.names if not np.isnan(own["R40"].loc[(n, *place), "ap"])]
+        for number, name in enumerate(having):
+            r40, r11 = (own[average].loc[(name, *place)] for average in ("R40", "R11"))
+            front = (f"{VIEWS[place[0]]} {place[1]}", str(r40["n_gt"])) if number == 0 else ("", "")
+            line = [Cell(front[0]), Cell(front[1]), Cell(name), Cell(f"{r40['ap']:.2f}")]
+            line += [_gain(r40, name, shown), Cell(f"{r11['ap']:.2f}")]
+            rows.append(tuple(line if narrow else [*line, _gain(r11, name, shown)]))
+    caption = f"{class_name}: AP and gain over {shown.baseline} [95 % interval]"
+    legend = "; ".join([AT_ONCE, *([STAR] if own["R40"]["marked"].any() else [])])
+    is_stepped = not narrow and own["R11"]["one_r11_step"].any()
+    notes = (DAGGER,) if is_stepped else ()
+    return Table(f"{slug(class_name)}-gains", caption, tuple(columns), tuple(rows), legend, notes)
+
+
+def _gain(row: pd.Series[Any], name: str, shown: Shown) -> Cell:
+    if name == shown.baseline:
+        return Cell("baseline")
+    if np.isnan(row["gain"]):
+        return Cell(NOTHING)
+    step = " †" if row["one_r11_step"] else ""
+    return Cell(gain_text(row.to_dict()) + step, star=bool(row["marked"]))
+
+
+def _of(cells: pd.DataFrame, class_name: str, average: str) -> pd.DataFrame:
+    """Rows of a class and average, by detector, metric and difficulty."""
+    own = cells[(cells["class"] == class_name) & (cells["average"] == average)]
+    return own.set_index(["detector", "metric", "difficulty"])
