@@ -33,6 +33,8 @@ REPORTS_STAND_ON = {"core", "geometry", "data", "evaluation"}
 PURE = (
     "fl3d.evaluation.average_precision",
     "fl3d.evaluation.bootstrap",
+    "fl3d.evaluation.counts",
+    "fl3d.evaluation.levels",
     "fl3d.evaluation.matching",
     "fl3d.evaluation.overlaps",
     "fl3d.evaluation.protocol",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
+from fl3d.data.text import finite, read_lines
 from fl3d.geometry.boxes import Array, Points, wrap
 
 _SHAPES = {"P2": (3, 4), "R0_rect": (3, 3), "Tr_velo_to_cam": (3, 4)}
@@ -138,26 +139,3 @@ def write_calibration(
         for name, matrix in rows.items()
     ]
     path.write_text("".join(lines))
-
-
-def finite(text: str, field: str, path: Path, line: int) -> float:
-    """A field as a finite number, or a DataError that names file, line and field."""
-    try:
-        value = float(text.replace("_", "?"))  # Python would read 1_0 as 10
-    except ValueError:
-        raise DataError(f"field '{field}': '{text}' is not a number", path, line) from None
-    if not np.isfinite(value):
-        raise DataError(f"field '{field}': '{text}' is not finite", path, line)
-    return value
-
-
-def read_lines(path: Path) -> list[str]:
-    """Lines of a text file, or a DataError that says that it is missing or is not text."""
-    try:
-        return path.read_text(encoding="ascii").splitlines()
-    except FileNotFoundError:
-        raise DataError("no such file", path) from None
-    except UnicodeDecodeError as error:
-        raise DataError(
-            f"is not a text file ({error.reason} at byte {error.start})", path
-        ) from None

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
-from fl3d.data.calibration import finite, read_lines
+from fl3d.data.text import finite, read_lines
 
 CLASSES = {"Pedestrian": 1, "Car": 2, "Cyclist": 3}
 FIELDS = ("score", "x1", "y1", "x2", "y2")

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fl3d.core.errors import DataError, DataMissing, options
-from fl3d.data.calibration import MEAN, Calibration, read_calibration, read_lines
+from fl3d.data.calibration import MEAN, Calibration, read_calibration
 from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
 from fl3d.data.labels import Labels, read_labels
+from fl3d.data.splits import read_split
 
 IMAGE_SIZE = (1242, 375)  # pixels; where a frame has no picture
 # Frames of the splits that everybody uses: train and val are those of Chen et al., 3D object proposals for accurate
@@ -32,12 +33,13 @@ class Frame:
     """One frame.
 
     Args:
-        id: six digits.
+        id: its name, six digits in KITTI.
         points_velo: (N, 4) float32: x, y, z in metres, reflectance in 0..1.
         calibration: of this frame.
         labels: every object of the label file.
         image_size: (width, height) in pixels.
         image_boxes: (N, 5) cars that a 2D detector found: x1, y1, x2, y2 in pixels, score; None where none was run.
+        label_file: that the labels come from, for errors; None: from none.
     """
 
     id: str
@@ -46,6 +48,7 @@ class Frame:
     labels: Labels
     image_size: tuple[int, int]
     image_boxes: NDArray[np.float64] | None = None
+    label_file: Path | None = None
 
 
 class KittiFolder:
@@ -76,20 +79,13 @@ class KittiFolder:
 
         Raises:
             DataMissing: the file is (the message lists those present).
-            DataError: a line is no frame id.
+            DataError: a line is no frame's name, or a frame is there twice.
         """
         path = self.root / "ImageSets" / f"{name}.txt"
         if not path.exists():
             present = [p.stem for p in path.parent.glob("*.txt")]
             raise DataMissing(f"no such split. {options(name, present)}", path)
-        ids = []
-        for number, line in enumerate(read_lines(path), start=1):
-            text = line.strip()
-            if text and not (text.isdigit() and len(text) == 6):
-                raise DataError(f"'{text}' is not a frame id of six digits", path, number)
-            if text:
-                ids.append(text)
-        return ids
+        return read_split(path)
 
     def path(self, kind: str, frame_id: str) -> Path:
         """Where a frame's file lies; ``kind`` is velodyne, label_2, calib or image_2."""
@@ -110,7 +106,15 @@ class KittiFolder:
         found = (
             None if self.image_boxes is None else self.image_boxes.get(frame_id, np.zeros((0, 5)))
         )
-        return Frame(frame_id, points, calibration, self.read_labels(frame_id), size, found)
+        return Frame(
+            frame_id,
+            points,
+            calibration,
+            self.read_labels(frame_id),
+            size,
+            found,
+            self.path("label_2", frame_id),
+        )
 
     @cached_property
     def image_boxes(self) -> ImageBoxes | None:

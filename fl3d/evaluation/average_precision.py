@@ -12,15 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.core.errors import ConfigError, options
-from fl3d.data.label_table import NAMES, LabelTable
+from fl3d.data.label_table import LabelTable
+from fl3d.evaluation.levels import (
+    detection_flags,
+    ground_truth_flags,
+    ignored_at,
+    is_far,
+    reasons,
+)
 from fl3d.evaluation.matching import Matches, match_frames, recall_thresholds, sort_matches
 from fl3d.evaluation.overlaps import Overlaps, find_overlaps
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
 
-MIN_HEIGHT = (40, 25, 25)  # pixels; easy, moderate, hard
-MAX_OCCLUSION = (0, 1, 2)
-MAX_TRUNCATION = (0.15, 0.30, 0.50)
-NEIGHBOURS = {"car": "van", "pedestrian": "person_sitting"}  # matched, never counted
 N_SAMPLES = 41
 NO_ANGLE = -10.0  # one detection with this observation angle switches orientation off for all
 
@@ -80,6 +83,7 @@ class Comparison:
         protocol: overlaps and variant.
         beyond: (G,) ground truths to be ignored whatever their class.
         overlaps: of all pairs.
+        points: (G,) points of the LiDAR on each ground truth, where the protocol goes by them.
     """
 
     gt: LabelTable
@@ -87,6 +91,7 @@ class Comparison:
     protocol: Protocol
     beyond: NDArray[np.bool_]
     overlaps: Overlaps
+    points: NDArray[np.int64] | None = None
 
     def matches(self, name: str, metric: str, difficulty: str) -> Matches:
         """Matches of one class, metric and difficulty.
@@ -100,22 +105,28 @@ class Comparison:
             raise ConfigError(
                 f"protocol.overlaps: no class '{name}'. {options(name, self.protocol.overlaps)}"
             )
+        if metric not in self.protocol.metrics:
+            raise ConfigError(
+                f"protocol {self.protocol.name} has no metric '{metric}'. "
+                f"{options(metric, self.protocol.metrics)}"
+            )
         m, level = METRICS.index(metric), DIFFICULTIES.index(difficulty)
         minimum = self.protocol.overlaps[name][m]
         # DontCare has no 3D box, so it excuses false alarms in the image alone.
         excused = (
             self.overlaps.dontcare > minimum
             if metric == "image"
-            else np.zeros(len(self.det.types), dtype=bool)
+            else is_far(self.det, level, self.protocol)
         )
+        why = reasons(self.gt, level, self.protocol, self.beyond, self.points)
         found = match_frames(
             self.gt.offsets,
             self.det.offsets,
             self.overlaps.offsets,
             self.overlaps.detection,
             self.overlaps.values[m],
-            ground_truth_flags(self.gt, name.lower(), level, self.protocol.variant, self.beyond),
-            detection_flags(self.det, name.lower(), level),
+            ground_truth_flags(self.gt, name.lower(), ignored_at(why, len(self.gt.types))),
+            detection_flags(self.det, name.lower(), level, self.protocol),
             np.ascontiguousarray(self.det.scores),
             excused,
             np.ascontiguousarray(self.gt.values[:, 2]),
@@ -131,7 +142,11 @@ class Comparison:
 
 
 def compare(
-    gt: LabelTable, det: LabelTable, protocol: Protocol, beyond: NDArray[np.bool_] | None = None
+    gt: LabelTable,
+    det: LabelTable,
+    protocol: Protocol,
+    beyond: NDArray[np.bool_] | None = None,
+    points: NDArray[np.int64] | None = None,
 ) -> Comparison:
     """Hold detections against ground truths.
 
@@ -140,6 +155,7 @@ def compare(
         det: detections of the same frames, already cut and suppressed.
         protocol: overlaps and variant.
         beyond: (G,) ground truths to be ignored whatever their class; None: none.
+        points: (G,) points of the LiDAR on each, where the protocol goes by them.
 
     Raises:
         ConfigError: the numbers of frames differ.
@@ -147,11 +163,11 @@ def compare(
     if len(gt) != len(det):
         raise ConfigError(f"{len(gt)} frames of labels but {len(det)} of detections")
     ignored = np.zeros(len(gt.types), dtype=bool) if beyond is None else beyond
-    return Comparison(gt, det, protocol, ignored, find_overlaps(gt, det))
+    return Comparison(gt, det, protocol, ignored, find_overlaps(gt, det), points)
 
 
 def evaluate(comparison: Comparison, classes: Sequence[str] | None = None) -> Curves:
-    """All curves of a comparison: ``curves[class][metric][difficulty]``.
+    """All curves of a comparison, of the protocol's metrics: ``curves[class][metric][difficulty]``.
 
     Args:
         comparison: see ``compare``.
@@ -160,7 +176,7 @@ def evaluate(comparison: Comparison, classes: Sequence[str] | None = None) -> Cu
     return {
         name: {
             metric: {level: comparison.curve(name, metric, level) for level in DIFFICULTIES}
-            for metric in METRICS
+            for metric in comparison.protocol.metrics
         }
         for name in (comparison.protocol.overlaps if classes is None else classes)
     }
@@ -190,33 +206,6 @@ def _samples(part: NDArray[np.generic], whole: NDArray[np.int64]) -> NDArray[np.
     samples = np.zeros(N_SAMPLES)
     samples[: len(ratio)] = np.maximum.accumulate(ratio[::-1])[::-1]
     return samples
-
-
-def ground_truth_flags(
-    gt: LabelTable, name: str, level: int, variant: str, beyond: NDArray[np.bool_]
-) -> NDArray[np.int8]:
-    """0 counts, 1 ignored, -1 not there: (G,) for a class and difficulty."""
-    height = gt.values[:, 6] - gt.values[:, 4]
-    low = height < MIN_HEIGHT[level] if variant == "A" else height <= MIN_HEIGHT[level]
-    hard = (
-        (gt.values[:, 1] > MAX_OCCLUSION[level])
-        | (gt.values[:, 0] > MAX_TRUNCATION[level])
-        | low
-        | beyond
-    )
-    flags = np.full(len(gt.types), -1, dtype=np.int8)
-    own = gt.types == NAMES.index(name)
-    flags[own] = np.where(hard[own], 1, 0)
-    if name in NEIGHBOURS:
-        flags[gt.types == NAMES.index(NEIGHBOURS[name])] = 1
-    return flags
-
-
-def detection_flags(det: LabelTable, name: str, level: int) -> NDArray[np.int8]:
-    """0 counts, 1 ignored, -1 not there: (D,). Height is looked at before class, in whole pixels."""
-    height = np.abs(det.values[:, 4] - det.values[:, 6]).astype(np.int64)
-    own = det.types == NAMES.index(name)
-    return np.where(height < MIN_HEIGHT[level], 1, np.where(own, 0, -1)).astype(np.int8)
 
 
 def as_json(curves: Curves) -> dict[str, Mapping[str, object]]:

@@ -10,15 +10,15 @@ from fl3d.data.label_table import read_table
 from fl3d.evaluation.average_precision import Curves, average_r11, average_r40, compare, evaluate
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
 
-FILE = re.compile(r"\d{6}\.txt")
+NUMBER = re.compile(r"\d+")
 
 
 def evaluate_folder(labels: Path, results: Path, protocol: Protocol) -> tuple[Curves, int]:
     """Evaluate the frames that have a result file; an empty file counts, a missing one leaves its frame out.
 
     Args:
-        labels: folder of label files ``NNNNNN.txt``.
-        results: folder of result files ``NNNNNN.txt``; the results are taken as they are, neither cut nor suppressed.
+        labels: folder of label files, ``FRAME.txt``.
+        results: folder of result files of the same names; what they hold is neither cut nor suppressed.
         protocol: overlaps and variant.
 
     Returns:
@@ -27,22 +27,31 @@ def evaluate_folder(labels: Path, results: Path, protocol: Protocol) -> tuple[Cu
     Raises:
         DataError: a folder holds no such file, a label file is missing, or a line is malformed.
     """
-    ids = result_ids(results)
+    ids = result_ids(results, labels)
     gt, det = read_table(labels, ids, scored=False), read_table(results, ids, scored=True)
     return evaluate(compare(gt, det, protocol)), len(ids)
 
 
-def result_ids(folder: Path) -> list[str]:
-    """Frames that have a file in a folder, in order.
+def result_ids(folder: Path, labels: Path | None = None) -> list[str]:
+    """Frames that have a file in a folder, in order: files named by digits, and those that have a label of their name.
+
+    Args:
+        folder: of the results.
+        labels: of the labels; None: files that are not named by digits are left out.
 
     Raises:
         DataError: there is no such folder, or none of its files is named like a frame.
     """
     if not folder.is_dir():
         raise DataError("no such folder", folder)
-    ids = sorted(path.stem for path in folder.iterdir() if FILE.fullmatch(path.name))
+    names = sorted(path.stem for path in folder.iterdir() if path.suffix == ".txt")
+    ids = [
+        name
+        for name in names
+        if NUMBER.fullmatch(name) or (labels is not None and (labels / f"{name}.txt").exists())
+    ]
     if not ids:
-        raise DataError("holds no file named NNNNNN.txt", folder)
+        raise DataError("holds no file FRAME.txt, such as 000001.txt", folder)
     return ids
 
 

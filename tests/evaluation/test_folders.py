@@ -47,6 +47,7 @@ def test_frames_with_a_file_count_empty_ones_too_others_not(folders: tuple[Path,
         ("report", "A", [0.7, 0.7, 0.7], [0.5, 0.5, 0.5]),
         ("kitti", "B", [0.7, 0.7, 0.7], [0.5, 0.5, 0.5]),
         ("kitti_loose", "B", [0.7, 0.5, 0.5], [0.5, 0.25, 0.25]),
+        ("lidar", "B", [0.7, 0.7, 0.7], [0.5, 0.5, 0.5]),
     ],
 )
 def test_the_named_protocols(
@@ -59,7 +60,7 @@ def test_the_named_protocols(
 
 def test_there_are_no_other_protocols_untested() -> None:
     assert {p.stem for p in (CONF / "protocol").glob("*.yaml")} == {
-        *("paper", "paper_strict", "kitti", "kitti_loose", "report")
+        *("paper", "paper_strict", "kitti", "kitti_loose", "report", "lidar")
     }
 
 
@@ -91,7 +92,7 @@ def test_bad_folders_are_named(folders: tuple[Path, Path], tmp_path: Path) -> No
     labels, results = folders
     with pytest.raises(DataError, match="no such folder"):
         evaluate_folder(labels, tmp_path / "nowhere", protocol("kitti"))
-    with pytest.raises(DataError, match="holds no file named NNNNNN"):
+    with pytest.raises(DataError, match="holds no file FRAME"):
         evaluate_folder(labels, tmp_path, protocol("kitti"))
     (results / "000009.txt").write_text("")
     with pytest.raises(DataError, match=r"labels/000009\.txt: no such file"):
