@@ -27,6 +27,7 @@ COMMANDS = (
     "verify",
     "clean",
     "evaluate",
+    "compare",
     "simulate",
     "predict",
     "ui",

@@ -26,7 +26,11 @@ from fl3d.evaluation.intervals import Interval, Sample, interval, joint_interval
 from fl3d.evaluation.verdicts import FEWEST
 
 MARGIN = 1.0  # AP; as conf/config.yaml has it
-PRIMARY = ("3d", "bev", "image")  # the first that can be compared is what verdicts are about, moderate, R40
+PRIMARY = (
+    "3d",
+    "bev",
+    "image",
+)  # the first that can be compared is what verdicts are about, moderate, R40
 Cell = tuple[str, str]  # metric and difficulty
 Key = tuple[str, Cell]  # of a detector
 # Of each detector and cell, by run: (2,) APs, and (R, 2) in the resamples.
@@ -122,16 +126,17 @@ def _classes(held: Held, baseline: str, asked: Sequence[str]) -> tuple[str, ...]
     chosen = [known[name.lower()] for name in asked] or list(known.values())
     found = [name for name in dict.fromkeys(chosen) if primary_view(held, baseline, name)]
     if not found:
-        detected = {
-            one: ", ".join(name for name in chosen if held.metrics(one, name)) or "nothing"
-            for one in held.names
-        }
-        told = "; ".join(f"{one}: {names}" for one, names in detected.items())
+        lacking = [held.lacks(one, name) for one in held.names for name in chosen]
         raise ConfigError(
-            f"nothing to compare: {baseline} and another detector have no class and kind of box "
-            f"in common. Of {', '.join(chosen)} they detect, {told}"
+            f"nothing to compare: {baseline} shares no class and kind of box with another detector. "
+            + " ".join(note for note in lacking if note)
         )
     return tuple(found)
+
+
+def _cells(held: Held) -> list[Cell]:
+    """Cells that the protocol has."""
+    return [cell for cell in CELLS if cell[0] in held.protocol.metrics]
 
 
 def _draw(held: Held, class_name: str, n_resamples: int) -> Drawn:
@@ -143,7 +148,7 @@ def _draw(held: Held, class_name: str, n_resamples: int) -> Drawn:
             for number, run in enumerate(held.runs[name])
         }
         for name in held.names
-        for cell in CELLS
+        for cell in _cells(held)
         if cell[0] in held.metrics(name, class_name)
     }
 
@@ -164,12 +169,13 @@ def _sampled(drawn: Drawn, key: Key, baseline: str, average: int) -> tuple[Sampl
 def _cell_rows(held: Held, baseline: str, class_name: str, drawn: Drawn) -> list[dict[str, Any]]:
     """Rows of one class, see ``Compared``."""
     any_run = held.runs[baseline][0]
-    counts = {cell: int(any_run.matches(class_name, *cell).n_gt.sum()) for cell in CELLS}
+    cells = _cells(held)
+    counts = {cell: int(any_run.matches(class_name, *cell).n_gt.sum()) for cell in cells}
     tables = [_average_rows(held, baseline, drawn, place) for place in range(len(AVERAGES))]
     rows = []
     for place, average in enumerate(AVERAGES):
         for name in held.names:
-            for cell in CELLS:
+            for cell in cells:
                 row = {"class": class_name, "metric": cell[0], "difficulty": cell[1]}
                 row |= {"average": average, "detector": name, "n_gt": counts[cell]}
                 row |= tables[place][name, cell]
@@ -179,9 +185,7 @@ def _cell_rows(held: Held, baseline: str, class_name: str, drawn: Drawn) -> list
     return rows
 
 
-def _average_rows(
-    held: Held, baseline: str, drawn: Drawn, place: int
-) -> dict[Key, dict[str, Any]]:
+def _average_rows(held: Held, baseline: str, drawn: Drawn, place: int) -> dict[Key, dict[str, Any]]:
     """AP and gain of all cells of one class in one average, gains as one family."""
     sampled = {key: _sampled(drawn, key, baseline, place) for key in drawn}
     family = {
@@ -189,7 +193,7 @@ def _average_rows(
     }
     gains = dict(zip(family, joint_intervals(list(family.values())), strict=True))
     rows: dict[Key, dict[str, Any]] = {}
-    for key in ((name, cell) for name in held.names for cell in CELLS):
+    for key in ((name, cell) for name in held.names for cell in _cells(held)):
         ap = interval(sampled[key][0]).within_percent() if key in sampled else NO_INTERVAL
         n_runs = len(sampled[key][0].values) if key in sampled else len(held.runs[key[0]])
         gain = gains.get(key, NO_INTERVAL)
@@ -222,28 +226,14 @@ def _verdict_rows(
 
 def _notes(held: Held, baseline: str, classes: Sequence[str]) -> list[str]:
     """What is not compared, and which runs have no partner."""
-    notes = []
+    notes = [held.lacks(name, class_name) for name in held.names for class_name in classes]
     for name in held.names:
-        for class_name in classes:
-            have = held.metrics(name, class_name)
-            lacking = [VIEWS[metric] for metric in PRIMARY if metric not in have]
-            if not have:
-                notes.append(f"{name} has no detection of {class_name}: no AP and no gain.")
-            elif lacking:
-                kinds = " and ".join(lacking)
-                notes.append(f"{name} has no {kinds} boxes of {class_name}: no AP, no gain there.")
         own, base = len(held.runs[name]), len(held.runs[baseline])
         if own != base:
-            shared = min(own, base)
-            notes.append(
-                f"{name} has {own} runs, {baseline} {base}: the first {shared} of each are paired."
-            )
-    left = [c for c in held.protocol.overlaps if c not in classes]
-    for class_name in left:
-        if held.metrics(baseline, class_name) or any(held.metrics(n, class_name) for n in held.names):
-            having = [n for n in held.names if held.metrics(n, class_name)]
-            notes.append(f"{class_name} is not compared; detected by {', '.join(having)}.")
-    return notes
-
-
-VIEWS = {"3d": "3D", "bev": "bird's-eye", "image": "2D"}
+            shared = f"the first {min(own, base)} of each are paired"
+            notes.append(f"{name} has {own} runs and {baseline} {base}: {shared}.")
+    for class_name in held.protocol.overlaps:
+        having = [name for name in held.names if held.metrics(name, class_name)]
+        if having and class_name not in classes:
+            notes.append(f"{class_name} is not compared: detected by {', '.join(having)} alone.")
+    return [note for note in notes if note]

@@ -61,7 +61,11 @@ def shown_of(compared: Compared) -> Shown:
     """Whom the tables show, with the notes below them."""
     units = compared.held.units
     is_single = (compared.verdicts["seeds"] == 1).all()
-    notes = (units.note, *([ONE_RUN.format(units=units.name)] if is_single else []), *compared.notes)
+    notes = (
+        units.note,
+        *([ONE_RUN.format(units=units.name)] if is_single else []),
+        *compared.notes,
+    )
     return Shown(compared.held.names, compared.baseline, compared.margin, notes)
 
 
@@ -151,7 +155,9 @@ def _curves(compared: Compared) -> pd.DataFrame:
             for name in held.names:
                 if view not in held.metrics(name, class_name):
                     continue
-                runs = [one.curve(class_name, view, "moderate").precision for one in held.runs[name]]
+                runs = [
+                    one.curve(class_name, view, "moderate").precision for one in held.runs[name]
+                ]
                 front = {"group": f"{class_name}, {told}", "level": name, "recall": RECALLS}
                 rows.append(pd.DataFrame({**front, "precision": np.mean(runs, axis=0)}))
     return pd.concat(rows, ignore_index=True)
@@ -178,7 +184,10 @@ def _draw_frames(
             seen = [
                 (
                     _frame_title(row),
-                    [surroundings.seen(compared, name, at[name][0], row["place"]) for name in names],
+                    [
+                        surroundings.seen(compared, name, at[name][0], row["place"])
+                        for name in names
+                    ],
                 )
                 for row in rows.to_dict("records")
             ]

@@ -1,4 +1,4 @@
-"""Where two detectors differ: what each finds of near and far, hidden, turned or thinly hit objects, and in which frames.
+"""Where detectors differ: what each finds of near and far, hidden, turned and thinly hit objects, and in which frames.
 
 Detectors are compared where each makes equally many false alarms, so that a careless one gains nothing by it.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -25,7 +26,9 @@ DIFFICULTY = "hard"  # of all objects that count anywhere
 CHUNK = 500  # resamples at a time: with all of KITTI's validation frames 8 MB of weights
 METRES = (0, 10, 20, 30, 40, 50)
 POINTS = (0, 1, 5, 20, 100, 500)
-SIDES = np.sin(np.pi / 4)  # an object is seen from its side where its heading is 45 to 135 degrees off the line of sight
+SIDES = np.sin(
+    np.pi / 4
+)  # an object is seen from its side where its heading is 45 to 135 degrees off the line of sight
 Int = NDArray[np.int64]
 
 
@@ -52,7 +55,9 @@ def parts_of(gt: LabelTable, points: Int | None = None) -> list[Part]:
         points: (G,) LiDAR points within each; None: not known.
     """
     x, z = gt.values[:, 10], gt.values[:, 12]
-    turned = np.sin(gt.values[:, 13] - np.arctan2(x, z))  # 1: it faces the camera, -1: it drives away
+    turned = np.sin(
+        gt.values[:, 13] - np.arctan2(x, z)
+    )  # 1: it faces the camera, -1: it drives away
     side = np.where(turned > SIDES, 0, np.where(turned < -SIDES, 2, 1))
     hidden = gt.values[:, 1].astype(np.int64)
     parts = [
@@ -72,7 +77,7 @@ def _bin_of(values: Float | Int, edges: tuple[int, ...]) -> Int:
 def _names(edges: tuple[int, ...], unit: str, whole: bool = False) -> tuple[str, ...]:
     """``0–10 m``; of whole numbers ``1–4`` and ``0``."""
     names = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         last = high - 1 if whole else high
         names.append(f"{low}" if whole and low == last else f"{low}–{last} {unit}".rstrip())
     return (*names, f"from {edges[-1]} {unit}".rstrip())
@@ -123,7 +128,9 @@ def found_by_part(
             }
             for name, runs in at.items()
         }
-        counts = np.bincount(part.of_objects[_counted(at[compared.baseline][0], part)], minlength=len(part.bins))
+        counts = np.bincount(
+            part.of_objects[_counted(at[compared.baseline][0], part)], minlength=len(part.bins)
+        )
         for place, one_bin in enumerate(part.bins):
             for name, runs in drawn.items():
                 row = {"class": class_name, "by": part.name, "bin": one_bin, "detector": name}

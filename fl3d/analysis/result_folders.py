@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from fl3d.runs.units import Units, units_of_frames
 
 UNKNOWN = -999.0  # metres: KITTI writes -1000 where there is no 3D box
 SHOWN = 3  # frames that are named where folders differ
+VIEWS = {"3d": "3D", "bev": "bird's-eye", "image": "2D"}
 MISSING = ("error", "skip", "empty")
 
 
@@ -59,9 +60,88 @@ class Held:
         return tuple(detector.name for detector in self.detectors)
 
     def metrics(self, name: str, class_name: str) -> tuple[str, ...]:
-        """Metrics for which every run of a detector has boxes of a class, see ``metrics_of``."""
+        """Metrics of the protocol for which every run of a detector has boxes of a class, see ``metrics_of``.
+
+        None where the protocol goes by heights in the picture and there are no 2D boxes: by it, none would count.
+        """
         own = [metrics_of(one.det, class_name) for one in self.runs[name]]
-        return tuple(metric for metric in own[0] if all(metric in other for other in own))
+        if self.protocol.uses_picture and not all("image" in have for have in own):
+            return ()
+        return tuple(m for m in self.protocol.metrics if all(m in have for have in own))
+
+    def lacks(self, name: str, class_name: str) -> str:
+        """Of which of the protocol's metrics a detector has no boxes of a class, and why, as a sentence; or nothing."""
+        own, have = (
+            self.metrics(name, class_name),
+            [metrics_of(one.det, class_name) for one in self.runs[name]],
+        )
+        lacking = [VIEWS[metric] for metric in self.protocol.metrics if metric not in own]
+        if not lacking:
+            return ""
+        if not all(have):
+            return f"{name} has no detection of {class_name}: no AP and no gain."
+        if not own:
+            return (
+                f"{name} has no 2D boxes of {class_name}, and protocol {self.protocol.name} goes by their heights: "
+                "no AP and no gain (--protocol lidar needs no 2D boxes)."
+            )
+        return f"{name} has no {' and no '.join(lacking)} boxes of {class_name}: no AP and no gain there."
+
+
+def read_detectors(words: Sequence[str]) -> list[Detector]:
+    """Detectors as a user names them: ``NAME=FOLDER``, ``NAME=RUN1,RUN2,RUN3``, or a folder alone.
+
+    A folder alone has its own name; where several share that, the first folder above in which they differ goes with it.
+
+    Raises:
+        ConfigError: several runs without a name, or a name or folder that is empty.
+    """
+    found = []
+    alone = [Path(word) for word in words if _is_folder(word)]
+    names = _names(alone)
+    for word in words:
+        if _is_folder(word):
+            found.append(Detector(names[Path(word)], (Path(word),)))
+            continue
+        name, is_named, rest = word.partition("=")
+        if not is_named or not name.strip():
+            raise ConfigError(
+                f"'{word}': several runs of a detector need its name: NAME={word.lstrip('=')}"
+            )
+        folders = [part.strip() for part in rest.split(",")]
+        if not all(folders):
+            raise ConfigError(
+                f"'{word}': a folder is empty; write NAME=FOLDER or NAME=RUN1,RUN2,RUN3"
+            )
+        found.append(Detector(name.strip(), tuple(map(Path, folders))))
+    return found
+
+
+def _is_folder(word: str) -> bool:
+    """Whether a word is a folder and nothing else; one that is there may hold any letters."""
+    return Path(word).is_dir() or not ("=" in word or "," in word)
+
+
+def _names(folders: Sequence[Path]) -> dict[Path, str]:
+    """A name for each folder: the last part of its path, with parts before it until all differ.
+
+    Parts at the end that all share say nothing: ``a/data`` and ``b/data`` are ``a`` and ``b``.
+    """
+    parts = {folder: list(folder.resolve().parts) for folder in folders}
+    while (
+        len(folders) > 1 and len({own[-1] for own in parts.values()}) == 1 and _can_shorten(parts)
+    ):
+        parts = {folder: own[:-1] for folder, own in parts.items()}
+    depth = 1
+    while len({tuple(own[-depth:]) for own in parts.values()}) < len(folders):
+        if depth > max(map(len, parts.values())):
+            break
+        depth += 1
+    return {folder: "/".join(own[-depth:]) for folder, own in parts.items()}
+
+
+def _can_shorten(parts: Mapping[Path, list[str]]) -> bool:
+    return all(len(own) > 2 for own in parts.values())
 
 
 def metrics_of(det: LabelTable, class_name: str) -> tuple[str, ...]:
@@ -105,7 +185,9 @@ def hold(
         raise ConfigError("a comparison needs two detectors at least")
     if not labels.is_dir():
         raise DataError("no such folder of labels", labels)
-    present = {folder: set(result_ids(folder)) for one in detectors for folder in one.folders}
+    present = {
+        folder: set(result_ids(folder, labels)) for one in detectors for folder in one.folders
+    }
     frames, notes = _frames(present, ids, missing)
     gt = read_table(labels, frames, scored=False)
     runs = {
@@ -132,7 +214,10 @@ def _frames(
     lacking = {folder: frames for folder, frames in lacking.items() if frames}
     if not lacking:
         return sorted(wanted), ()
-    told = [f"{folder} lacks {_listed(frames)} of {len(wanted)} frames" for folder, frames in lacking.items()]
+    told = [
+        f"{folder} lacks {_listed(frames)} of {len(wanted)} frames"
+        for folder, frames in lacking.items()
+    ]
     if missing == "error":
         raise ConfigError(
             f"{'; '.join(told)}: --missing skip leaves them out for all detectors, --missing empty takes it that "
@@ -162,4 +247,4 @@ def _read(folder: Path, ids: Sequence[str], present: set[str]) -> LabelTable:
         return table
     counts = dict(zip(own, np.diff(table.offsets), strict=True))
     sizes = [counts.get(frame_id, 0) for frame_id in ids]
-    return LabelTable(np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64), table.types, table.values)
+    return replace(table, offsets=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64))

@@ -44,9 +44,14 @@ class Surroundings:
             raise DataMissing("no such folder of pictures", self.pictures)
         if self.clouds is None:
             return
-        for folder, kind, ending in ((self.clouds, "clouds", "bin"), (self.calib, "calibrations", "txt")):
+        for folder, kind, ending in (
+            (self.clouds, "clouds", "bin"),
+            (self.calib, "calibrations", "txt"),
+        ):
             if folder is None or not folder.is_dir():
-                raise DataMissing(f"no such folder of {kind}", folder or f"no --calib for {self.clouds}")
+                raise DataMissing(
+                    f"no such folder of {kind}", folder or f"no --calib for {self.clouds}"
+                )
             lacking = [i for i in ids if not (folder / f"{i}.{ending}").is_file()]
             if lacking:
                 raise DataMissing(

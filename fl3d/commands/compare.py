@@ -7,16 +7,19 @@ import shlex
 from pathlib import Path
 
 from fl3d.analysis.compare import MARGIN, compare_detectors
+from fl3d.analysis.compare_page import shown_of, write_comparison
 from fl3d.analysis.result_folders import MISSING, hold, read_detectors
+from fl3d.analysis.surroundings import Surroundings
 from fl3d.commands.words import parser
 from fl3d.config.compose import CONF, compose_config
 from fl3d.config.settings import read_settings
 from fl3d.core.errors import ConfigError
 from fl3d.data.splits import read_split
 from fl3d.evaluation.protocol import Protocol
-from fl3d.reports.comparison import gain_table, shown_of, verdict_table
+from fl3d.reports.comparison import gain_table, verdict_table
 from fl3d.reports.render import to_text
 
+PROTOCOLS = sorted(path.stem for path in (CONF / "protocol").glob("*.yaml"))
 DESCRIPTION = """\
 Say whether a detector is better than another, by KITTI result files (one NNNNNN.txt a frame) that any code wrote.
 
@@ -37,3 +40,103 @@ beside `training`, or --mapping names it, drives are resampled instead of frames
 
 def run(arguments: list[str]) -> None:
     """Compare detectors by folders of KITTI result files, whoever wrote them."""
+    given = _parser().parse_args(arguments)
+    detectors = read_detectors(given.detectors)
+    surroundings = Surroundings(
+        given.clouds, given.calib or given.labels.parent / "calib", given.pictures
+    )
+    if given.out is None and (given.clouds or given.pictures):
+        raise ConfigError(
+            "--clouds and --pictures are for the page: name a folder for it with --out"
+        )
+    held = hold(
+        given.labels,
+        detectors,
+        _protocol(given.protocol),
+        ids=None if given.split is None else read_split(given.split),
+        missing=given.missing,
+        mapping=given.mapping,
+    )
+    compared = compare_detectors(held, given.baseline, _listed(given.classes), given.margin)
+    shown = shown_of(compared)
+    protocol = f"protocol {held.protocol.name} (variant {held.protocol.variant})"
+    print(f"{len(held.ids)} frames, {protocol}; AP in percent\n")
+    for name in compared.classes:
+        print(to_text(gain_table(compared.cells, name, shown, narrow=True)))
+    print(to_text(verdict_table(compared.verdicts, shown)))
+    if given.out is not None:
+        command = shlex.join(["python", "-m", "fl3d", "compare", *arguments])
+        for path in write_comparison(compared, given.out, surroundings, command):
+            print(f"Written to {path}.")
+
+
+def _parser() -> argparse.ArgumentParser:
+    options = parser("compare", DESCRIPTION)
+    options.formatter_class = argparse.RawDescriptionHelpFormatter
+    options.epilog = EXAMPLES
+    options.add_argument(
+        "labels",
+        type=Path,
+        metavar="LABELS",
+        help="folder of label files, such as training/label_2",
+    )
+    options.add_argument(
+        "detectors",
+        nargs="+",
+        metavar="NAME=FOLDER",
+        help="a detector's result files; NAME=RUN1,RUN2,RUN3: of several runs; FOLDER alone has its own name",
+    )
+    options.add_argument(
+        "--baseline", metavar="NAME", help="that the others are held against (default: the first)"
+    )
+    options.add_argument(
+        "--classes", default="", metavar="A,B", help="default: those that two of them detect"
+    )
+    options.add_argument(
+        "--split",
+        type=Path,
+        metavar="FILE",
+        help="frames to compare on, a name a line (default: all)",
+    )
+    options.add_argument(
+        "--missing", choices=MISSING, default="error", help="a frame that a folder has no file of"
+    )
+    options.add_argument(
+        "--protocol",
+        default="kitti",
+        choices=PROTOCOLS,
+        help="overlaps and variant (default: kitti)",
+    )
+    options.add_argument(
+        "--margin", type=float, default=MARGIN, metavar="AP", help="gains below it do not matter"
+    )
+    options.add_argument(
+        "--mapping", type=Path, metavar="FOLDER", help="KITTI's mapping of frames to drives"
+    )
+    options.add_argument(
+        "--out",
+        type=Path,
+        metavar="FOLDER",
+        help="for tables (Markdown, LaTeX, CSV), figures, a page",
+    )
+    options.add_argument(
+        "--clouds",
+        type=Path,
+        metavar="FOLDER",
+        help="velodyne: points on objects, frames with clouds",
+    )
+    options.add_argument(
+        "--calib", type=Path, metavar="FOLDER", help="of the clouds (default: calib beside LABELS)"
+    )
+    options.add_argument(
+        "--pictures", type=Path, metavar="FOLDER", help="image_2: frames with pictures"
+    )
+    return options
+
+
+def _protocol(name: str) -> Protocol:
+    return read_settings(compose_config([f"protocol={name}", "profile=paper"])).protocol
+
+
+def _listed(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]

@@ -8,9 +8,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.evaluation.average_precision import Comparison, detection_flags, ground_truth_flags
+from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.matching import Flags, Float, Int, Matches, most_overlapping
-from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
+from fl3d.evaluation.protocol import METRICS
 
 
 @dataclass(frozen=True)
@@ -60,15 +60,11 @@ def at_score(
         difficulty: ``easy``, ``moderate`` or ``hard``.
         score: detections below are left out.
     """
-    gt, det, overlaps = comparison.gt, comparison.det, comparison.overlaps
-    m, level = METRICS.index(metric), DIFFICULTIES.index(difficulty)
-    minimum = comparison.protocol.overlaps[name][m]
-    of_gt = ground_truth_flags(
-        gt, name.lower(), level, comparison.protocol.variant, comparison.beyond
-    )
-    of_det = detection_flags(det, name.lower(), level)
-    scores = np.ascontiguousarray(det.scores)
+    overlaps, m = comparison.overlaps, METRICS.index(metric)
+    of_gt, of_det, excused = comparison.flags(name, metric, difficulty)
+    scores = np.ascontiguousarray(comparison.det.scores)
     pairs = (overlaps.offsets, overlaps.detection, overlaps.values[m])
+    minimum = comparison.protocol.overlaps[name][m]
     by = _takers(*pairs, of_gt, of_det, scores, score, minimum)
     counts, is_taken = of_gt == 0, by >= 0
     is_own = np.zeros(len(by), dtype=bool)
@@ -77,9 +73,7 @@ def at_score(
     found[counts & is_taken & is_own], found[counts & ~is_taken] = 1, 0
     taken, hit = np.zeros(len(of_det), dtype=bool), np.zeros(len(of_det), dtype=bool)
     taken[by[is_taken]], hit[by[found == 1]] = True, True
-    alarm = (of_det == 0) & (scores >= score) & ~taken
-    if metric == "image":  # DontCare has no 3D box
-        alarm &= ~(overlaps.dontcare > minimum)
+    alarm = (of_det == 0) & (scores >= score) & ~taken & ~excused
     return AtScore(found, hit, alarm)
 
 

@@ -110,30 +110,40 @@ class Comparison:
                 f"protocol {self.protocol.name} has no metric '{metric}'. "
                 f"{options(metric, self.protocol.metrics)}"
             )
-        m, level = METRICS.index(metric), DIFFICULTIES.index(difficulty)
-        minimum = self.protocol.overlaps[name][m]
-        # DontCare has no 3D box, so it excuses false alarms in the image alone.
-        excused = (
-            self.overlaps.dontcare > minimum
-            if metric == "image"
-            else is_far(self.det, level, self.protocol)
-        )
-        why = reasons(self.gt, level, self.protocol, self.beyond, self.points)
+        of_gt, of_det, excused = self.flags(name, metric, difficulty)
         found = match_frames(
             self.gt.offsets,
             self.det.offsets,
             self.overlaps.offsets,
             self.overlaps.detection,
-            self.overlaps.values[m],
-            ground_truth_flags(self.gt, name.lower(), ignored_at(why, len(self.gt.types))),
-            detection_flags(self.det, name.lower(), level, self.protocol),
+            self.overlaps.values[METRICS.index(metric)],
+            of_gt,
+            of_det,
             np.ascontiguousarray(self.det.scores),
             excused,
             np.ascontiguousarray(self.gt.values[:, 2]),
             np.ascontiguousarray(self.det.values[:, 2]),
-            minimum,
+            self.protocol.overlaps[name][METRICS.index(metric)],
         )
         return sort_matches(*found)
+
+    def flags(
+        self, name: str, metric: str, difficulty: str
+    ) -> tuple[NDArray[np.int8], NDArray[np.int8], NDArray[np.bool_]]:
+        """What counts: flags of ground truths (G,) and detections (D,), and which (D,) are never false alarms."""
+        level = DIFFICULTIES.index(difficulty)
+        # DontCare has no 3D box, so it excuses false alarms in the image alone.
+        excused = (
+            self.overlaps.dontcare > self.protocol.overlaps[name][METRICS.index(metric)]
+            if metric == "image"
+            else is_far(self.det, level, self.protocol)
+        )
+        why = reasons(self.gt, level, self.protocol, self.beyond, self.points)
+        return (
+            ground_truth_flags(self.gt, name.lower(), ignored_at(why, len(self.gt.types))),
+            detection_flags(self.det, name.lower(), level, self.protocol),
+            excused,
+        )
 
     def curve(self, name: str, metric: str, difficulty: str) -> Curve:
         """Precision and recall of one class, metric and difficulty."""

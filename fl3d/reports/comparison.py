@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fl3d.evaluation.verdicts import Verdict
+from fl3d.evaluation.verdicts import FEWEST, Verdict
 from fl3d.reports.intervals import DAGGER
 from fl3d.reports.levels import DIFFICULTIES, slug
 from fl3d.reports.table import HEADS, Cell, Column, Table, is_better
-from fl3d.reports.verdicts import LEGEND, gain_text, verdict_text
+from fl3d.reports.verdicts import gain_text, verdict_text
 
 VIEWS = {"3d": "3D", "bev": "BEV", "image": "2D"}  # in the order of the tables
 NOTHING = "–"
-AT_ONCE = "all gains of the class in that average hold at once (95 %)"
-STAR = "star: differs from zero, from three runs on"
+AT_ONCE = "Intervals of gains hold for all gains of the table in that average at once (95 %)"
+VERDICTS = "better, worse: the gain's interval excludes 0; equivalent: it lies within ± {margin:g} AP; undecided: neither"
+BY_CLASS = "Intervals of gains hold for all detectors at once (95 %)"
+STAR = "Star: differs from zero, from three runs on"
 ONE_RUN = (
     "One run of each says what these two would do on other such {units}, not what another training of them would: "
     "no verdict and no star. Three runs make one: NAME=RUN1,RUN2,RUN3."
@@ -59,11 +61,19 @@ def verdict_table(verdicts: pd.DataFrame, shown: Shown) -> Table:
         Column("verdict", "verdict"),
     )
     rows = [_verdict_row(row, shown.margin) for row in verdicts.to_dict("records")]
-    metrics = verdicts.groupby("metric", sort=False)["group"].agg(list)
-    told = "; ".join(f"{', '.join(dict.fromkeys(c))}: {m}" for m, c in metrics.items())
+    by_metric = verdicts.groupby("metric", sort=False)["group"].unique()
+    told = "; ".join(f"{_metric(metric)} ({', '.join(own)})" for metric, own in by_metric.items())
     caption = f"Is it better than {shown.baseline}? By {told}"
-    legend = LEGEND.format(margin=shown.margin)
+    has_verdict = (verdicts["seeds"] >= FEWEST).any()
+    words = [VERDICTS.format(margin=shown.margin)] if has_verdict else []
+    legend = ". ".join([BY_CLASS, *words])
     return Table("verdicts", caption, columns, tuple(rows), legend, shown.notes)
+
+
+def _metric(name: str) -> str:
+    """``3d_r40/moderate`` as people say it: 3D moderate, R40."""
+    view, _, difficulty = name.partition("_r40/")
+    return f"{VIEWS[view]} {difficulty}, R40"
 
 
 def _verdict_row(row: Row, margin: float) -> tuple[Cell, ...]:
@@ -90,7 +100,8 @@ def ap_table(cells: pd.DataFrame, class_name: str, average: str, shown: Shown) -
         shown: whom.
     """
     own = _of(cells, class_name, average)
-    views = [view for view in VIEWS if own.xs(view, level="metric")["ap"].notna().any()]
+    having = set(own[own["ap"].notna()].index.get_level_values("metric"))
+    views = [view for view in VIEWS if view in having]
     places = [(view, level) for view in views for level in DIFFICULTIES]
     columns = (
         Column("detector", "detector"),
@@ -105,8 +116,12 @@ def ap_table(cells: pd.DataFrame, class_name: str, average: str, shown: Shown) -
             text = NOTHING if np.isnan(row["ap"]) else f"{row['ap']:.2f}"
             line.append(Cell(text, bold, star=bool(row["marked"])))
         rows.append(tuple(line))
-    counts = " / ".join(str(own.loc[(shown.baseline, places[0][0], d), "n_gt"]) for d in DIFFICULTIES)
-    caption = f"{class_name}, AP in percent ({average}); {counts} ground truths easy / moderate / hard"
+    counts = " / ".join(
+        str(own.loc[(shown.baseline, places[0][0], d), "n_gt"]) for d in DIFFICULTIES
+    )
+    caption = (
+        f"{class_name}, AP in percent ({average}); {counts} ground truths easy / moderate / hard"
+    )
     marks = [f"bold: better than {shown.baseline}", *([STAR] if own["marked"].any() else [])]
     name = f"{slug(class_name)}-{average.lower()}"
     return Table(name, caption, columns, tuple(rows), "; ".join(marks))
@@ -130,7 +145,7 @@ def gain_table(cells: pd.DataFrame, class_name: str, shown: Shown, narrow: bool 
     ]
     rows = []
     for place in ((view, level) for view in VIEWS for level in DIFFICULTIES):
-        having = [n for n in shown.names if not np.isnan(own["R40"].loc[(n, *place), "ap"])]
+        having = [n for n in shown.names if not np.isnan(own["R40"]["ap"].get((n, *place), np.nan))]
         for number, name in enumerate(having):
             r40, r11 = (own[average].loc[(name, *place)] for average in ("R40", "R11"))
             front = (f"{VIEWS[place[0]]} {place[1]}", str(r40["n_gt"])) if number == 0 else ("", "")
@@ -138,7 +153,7 @@ def gain_table(cells: pd.DataFrame, class_name: str, shown: Shown, narrow: bool 
             line += [_gain(r40, name, shown), Cell(f"{r11['ap']:.2f}")]
             rows.append(tuple(line if narrow else [*line, _gain(r11, name, shown)]))
     caption = f"{class_name}: AP and gain over {shown.baseline} [95 % interval]"
-    legend = "; ".join([AT_ONCE, *([STAR] if own["R40"]["marked"].any() else [])])
+    legend = ". ".join([AT_ONCE, *([STAR] if own["R40"]["marked"].any() else [])])
     is_stepped = not narrow and own["R11"]["one_r11_step"].any()
     notes = (DAGGER,) if is_stepped else ()
     return Table(f"{slug(class_name)}-gains", caption, tuple(columns), tuple(rows), legend, notes)

@@ -70,7 +70,12 @@ def to_text(table: Table) -> str:
     ]
     told = [_sentence(table), *table.notes]
     wrapped = [textwrap.fill(text, TEXT_LETTERS, break_on_hyphens=False) for text in told]
-    return "\n".join([wrapped[0], "", *map(_line, lines), *(["", *wrapped[1:]] if table.notes else [])]) + "\n"
+    return (
+        "\n".join(
+            [wrapped[0], "", *map(_line, lines), *(["", *wrapped[1:]] if table.notes else [])]
+        )
+        + "\n"
+    )
 
 
 def _line(cells: list[str]) -> str:
