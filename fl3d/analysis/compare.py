@@ -176,7 +176,11 @@ def _cell_rows(held: Held, baseline: str, class_name: str, drawn: Drawn) -> list
     for place, average in enumerate(AVERAGES):
         for name in held.names:
             for cell in cells:
-                row = {"class": class_name, "metric": cell[0], "difficulty": cell[1]}
+                row: dict[str, Any] = {
+                    "class": class_name,
+                    "metric": cell[0],
+                    "difficulty": cell[1],
+                }
                 row |= {"average": average, "detector": name, "n_gt": counts[cell]}
                 row |= tables[place][name, cell]
                 r11, r40 = (table[name, cell]["gain"] for table in tables)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,7 @@ from fl3d.reports.comparison import (
     Shown,
     ap_table,
     gain_table,
+    metric_text,
     verdict_table,
 )
 from fl3d.reports.figures.curves import precision_recall
@@ -91,7 +93,7 @@ def write_comparison(
     written = _write_tables(tables, compared.cells, folder)
     figures = folder / "figures"
     levels = Levels("", compared.held.names, compared.baseline)
-    drawn = forest(compared.verdicts, levels, compared.margin, figures / "forest")
+    drawn = forest(_told(compared.verdicts), levels, compared.margin, figures / "forest")
     curves = precision_recall(_curves(compared), levels, figures / "precision_recall")
     points = surroundings.points_on_objects(compared)
     parts, frames = [], []
@@ -114,6 +116,14 @@ def write_comparison(
     write_text(target, page(title, lead, [one for one in sections if any(one.parts)]))
     files = [*written, *drawn, *curves, *(p for _, paths in [*parts, *frames] for p in paths)]
     return [target, *files]
+
+
+def _told(verdicts: pd.DataFrame) -> pd.DataFrame:
+    """Verdicts with their metrics in words, which stand in the panels' titles where they differ."""
+    told = verdicts.assign(metric=verdicts["metric"].map(metric_text))
+    if told["metric"].nunique() == 1:
+        return told
+    return told.assign(group=told["group"] + ", " + told["metric"], metric="AP")
 
 
 def _write_tables(tables: Sequence[Table], cells: pd.DataFrame, folder: Path) -> list[Path]:
@@ -198,7 +208,7 @@ def _draw_frames(
     return drawn
 
 
-def _frame_title(row: dict[str, object]) -> str:
+def _frame_title(row: Mapping[Hashable, Any]) -> str:
     found = f"found {row['found_base']} → {row['found']} of {row['n_gt']}"
     return f"{row['frame']}\n{found}, alarms {row['alarms_base']} → {row['alarms']}"
 

@@ -18,11 +18,13 @@ class AtScore:
     """Ground truths and detections where detections below a score are left out.
 
     Args:
-        found: (G,) 1 found, 0 missed, -1 neither: it does not count, or an ignored detection takes it.
+        counts: (G,) which ground truths count.
+        found: (G,) of them 1 found, 0 missed, -1 neither: an ignored detection takes it; -1 of all others too.
         hit: (D,) which detections find a ground truth that counts.
         alarm: (D,) which are false alarms.
     """
 
+    counts: NDArray[np.bool_]
     found: Flags
     hit: NDArray[np.bool_]
     alarm: NDArray[np.bool_]
@@ -74,7 +76,7 @@ def at_score(
     taken, hit = np.zeros(len(of_det), dtype=bool), np.zeros(len(of_det), dtype=bool)
     taken[by[is_taken]], hit[by[found == 1]] = True, True
     alarm = (of_det == 0) & (scores >= score) & ~taken & ~excused
-    return AtScore(found, hit, alarm)
+    return AtScore(counts, found, hit, alarm)
 
 
 @numba.njit(cache=True)

@@ -18,7 +18,9 @@ from fl3d.reports.verdicts import gain_text, verdict_text
 VIEWS = {"3d": "3D", "bev": "BEV", "image": "2D"}  # in the order of the tables
 NOTHING = "–"
 AT_ONCE = "Intervals of gains hold for all gains of the table in that average at once (95 %)"
-VERDICTS = "better, worse: the gain's interval excludes 0; equivalent: it lies within ± {margin:g} AP; undecided: neither"
+VERDICTS = (
+    "Better, worse: it excludes 0; equivalent: it lies within ± {margin:g} AP; undecided: neither"
+)
 BY_CLASS = "Intervals of gains hold for all detectors at once (95 %)"
 STAR = "Star: differs from zero, from three runs on"
 ONE_RUN = (
@@ -26,6 +28,7 @@ ONE_RUN = (
     "no verdict and no star. Three runs make one: NAME=RUN1,RUN2,RUN3."
 )
 Row = Mapping[Hashable, Any]
+Key = tuple[str, str, str]
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,9 @@ def verdict_table(verdicts: pd.DataFrame, shown: Shown) -> Table:
     )
     rows = [_verdict_row(row, shown.margin) for row in verdicts.to_dict("records")]
     by_metric = verdicts.groupby("metric", sort=False)["group"].unique()
-    told = "; ".join(f"{_metric(metric)} ({', '.join(own)})" for metric, own in by_metric.items())
+    told = "; ".join(
+        f"{metric_text(str(metric))} ({', '.join(own)})" for metric, own in by_metric.items()
+    )
     caption = f"Is it better than {shown.baseline}? By {told}"
     has_verdict = (verdicts["seeds"] >= FEWEST).any()
     words = [VERDICTS.format(margin=shown.margin)] if has_verdict else []
@@ -70,7 +75,7 @@ def verdict_table(verdicts: pd.DataFrame, shown: Shown) -> Table:
     return Table("verdicts", caption, columns, tuple(rows), legend, shown.notes)
 
 
-def _metric(name: str) -> str:
+def metric_text(name: str) -> str:
     """``3d_r40/moderate`` as people say it: 3D moderate, R40."""
     view, _, difficulty = name.partition("_r40/")
     return f"{VIEWS[view]} {difficulty}, R40"
@@ -100,7 +105,7 @@ def ap_table(cells: pd.DataFrame, class_name: str, average: str, shown: Shown) -
         shown: whom.
     """
     own = _of(cells, class_name, average)
-    having = set(own[own["ap"].notna()].index.get_level_values("metric"))
+    having = {key[1] for key, row in own.items() if not np.isnan(row["ap"])}
     views = [view for view in VIEWS if view in having]
     places = [(view, level) for view in views for level in DIFFICULTIES]
     columns = (
@@ -111,20 +116,17 @@ def ap_table(cells: pd.DataFrame, class_name: str, average: str, shown: Shown) -
     for name in shown.names:
         line = [Cell(name)]
         for place in places:
-            row = own.loc[(name, *place)]
+            row = own[(name, *place)]
             bold = is_better(row["ap"], row["ap"] - row["gain"])
             text = NOTHING if np.isnan(row["ap"]) else f"{row['ap']:.2f}"
             line.append(Cell(text, bold, star=bool(row["marked"])))
         rows.append(tuple(line))
-    counts = " / ".join(
-        str(own.loc[(shown.baseline, places[0][0], d), "n_gt"]) for d in DIFFICULTIES
-    )
-    caption = (
-        f"{class_name}, AP in percent ({average}); {counts} ground truths easy / moderate / hard"
-    )
-    marks = [f"bold: better than {shown.baseline}", *([STAR] if own["marked"].any() else [])]
+    counts = " / ".join(str(own[shown.baseline, views[0], d]["n_gt"]) for d in DIFFICULTIES)
+    caption = f"{class_name}, AP in percent ({average}); ground truths: {counts}"
+    has_star = any(row["marked"] for row in own.values())
+    marks = [f"Bold: better than {shown.baseline}", *([STAR] if has_star else [])]
     name = f"{slug(class_name)}-{average.lower()}"
-    return Table(name, caption, columns, tuple(rows), "; ".join(marks))
+    return Table(name, caption, columns, tuple(rows), ". ".join(marks))
 
 
 def gain_table(cells: pd.DataFrame, class_name: str, shown: Shown, narrow: bool = False) -> Table:
@@ -145,30 +147,36 @@ def gain_table(cells: pd.DataFrame, class_name: str, shown: Shown, narrow: bool 
     ]
     rows = []
     for place in ((view, level) for view in VIEWS for level in DIFFICULTIES):
-        having = [n for n in shown.names if not np.isnan(own["R40"]["ap"].get((n, *place), np.nan))]
+        having = [n for n in shown.names if _has_ap(own["R40"], (n, *place))]
         for number, name in enumerate(having):
-            r40, r11 = (own[average].loc[(name, *place)] for average in ("R40", "R11"))
+            r40, r11 = (own[average][(name, *place)] for average in ("R40", "R11"))
             front = (f"{VIEWS[place[0]]} {place[1]}", str(r40["n_gt"])) if number == 0 else ("", "")
             line = [Cell(front[0]), Cell(front[1]), Cell(name), Cell(f"{r40['ap']:.2f}")]
             line += [_gain(r40, name, shown), Cell(f"{r11['ap']:.2f}")]
             rows.append(tuple(line if narrow else [*line, _gain(r11, name, shown)]))
     caption = f"{class_name}: AP and gain over {shown.baseline} [95 % interval]"
-    legend = ". ".join([AT_ONCE, *([STAR] if own["R40"]["marked"].any() else [])])
-    is_stepped = not narrow and own["R11"]["one_r11_step"].any()
-    notes = (DAGGER,) if is_stepped else ()
+    has_star = any(row["marked"] for row in own["R40"].values())
+    legend = ". ".join([AT_ONCE, *([STAR] if has_star else [])])
+    is_stepped = any(row["one_r11_step"] for row in own["R11"].values())
+    notes = (DAGGER,) if is_stepped and not narrow else ()
     return Table(f"{slug(class_name)}-gains", caption, tuple(columns), tuple(rows), legend, notes)
 
 
-def _gain(row: pd.Series[Any], name: str, shown: Shown) -> Cell:
+def _gain(row: Row, name: str, shown: Shown) -> Cell:
     if name == shown.baseline:
         return Cell("baseline")
     if np.isnan(row["gain"]):
         return Cell(NOTHING)
     step = " †" if row["one_r11_step"] else ""
-    return Cell(gain_text(row.to_dict()) + step, star=bool(row["marked"]))
+    return Cell(gain_text(row) + step, star=bool(row["marked"]))
 
 
-def _of(cells: pd.DataFrame, class_name: str, average: str) -> pd.DataFrame:
+def _of(cells: pd.DataFrame, class_name: str, average: str) -> dict[Key, Row]:
     """Rows of a class and average, by detector, metric and difficulty."""
     own = cells[(cells["class"] == class_name) & (cells["average"] == average)]
-    return own.set_index(["detector", "metric", "difficulty"])
+    rows = own.to_dict("records")
+    return {(str(r["detector"]), str(r["metric"]), str(r["difficulty"])): r for r in rows}
+
+
+def _has_ap(rows: Mapping[Key, Row], key: Key) -> bool:
+    return key in rows and not np.isnan(rows[key]["ap"])

@@ -28,6 +28,8 @@ SYMBOLS = {
 }
 SYMBOLS |= {"<": "$<$", ">": "$>$", "–": "--", "…": r"\ldots{}", "†": r"$\dagger$", "§": r"\S{}"}
 
+ESCAPED = LATEX | SYMBOLS
+
 
 def to_csv(table: Table) -> str:
     """Comma-separated, plain numbers."""
@@ -142,7 +144,7 @@ def _latex_cell(cell: Cell) -> str:
 
 
 def _latex(text: str) -> str:
-    return text.translate(str.maketrans(LATEX | SYMBOLS))
+    return "".join(ESCAPED.get(character, character) for character in text)
 
 
 def to_html(table: Table) -> str:

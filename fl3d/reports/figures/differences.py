@@ -26,11 +26,11 @@ from fl3d.reports.figures.style import (
     write_data,
 )
 
-SPREAD = 0.5  # of the marks of one bin, as a share of the room between bins
+SPREAD = 0.3  # of the marks of one bin, as a share of the room between bins
 GREY = "0.65"
 AHEAD, ASIDE = 20.0, 12.0  # metres that a drawing shows at least
 MARGIN = 4.0  # metres around what is drawn
-IMAGE_WIDTH_OVER_HEIGHT = 3.3
+WIDEST, NARROWEST = 1.6, 0.9  # of a drawing, its width over its height
 
 
 def draw_found_by_part(data: pd.DataFrame, names: Sequence[str], path: Path) -> list[Path]:
@@ -58,7 +58,7 @@ def draw_found_by_part(data: pd.DataFrame, names: Sequence[str], path: Path) -> 
         ticks = [f"{name}\n{count}" for name, count in zip(bins, counts, strict=True)]
         axes.set_xticks(np.arange(len(bins)), ticks, fontsize=6)
         axes.set_xlim(-0.6, len(bins) - 0.4)
-        axes.set_ylim(0, 100)
+        axes.set_ylim(-3, 100)
         axes.set_ylabel("found (%)")
         axes.grid(axis="y", color="0.92", lw=0.6)
         axes.set_axisbelow(True)
@@ -145,10 +145,9 @@ def _extent(seen: Sequence[Seen]) -> tuple[float, float]:
     every = np.concatenate(boxes) if boxes else np.zeros((0, 7))
     if not len(every):
         return ASIDE, AHEAD
-    return (
-        max(ASIDE, float(np.abs(every[:, 0]).max()) + MARGIN),
-        max(AHEAD, float(every[:, 2].max()) + MARGIN),
-    )
+    side = max(ASIDE, float(np.abs(every[:, 0]).max()) + MARGIN)
+    ahead = max(AHEAD, float(every[:, 2].max()) + MARGIN)
+    return max(side, NARROWEST * ahead / 2), max(ahead, 2 * side / WIDEST)
 
 
 def _draw(axes: Axes, one: Seen, side: float, ahead: float) -> None:
@@ -156,7 +155,7 @@ def _draw(axes: Axes, one: Seen, side: float, ahead: float) -> None:
         x, z = one.points_cam[:, 0], one.points_cam[:, 2]
         axes.scatter(x, z, s=0.1, c="0.75", linewidths=0, rasterized=True)
     others = ~one.hit & ~one.alarm
-    layers = (
+    layers: tuple[tuple[str, Array, Any], ...] = (
         ("not counted", one.gt_cam[one.found < 0], {"color": GREY, "lw": 0.6}),
         ("", one.det_cam[others], {"color": GREY, "lw": 0.6, "ls": ":"}),
         ("object, found", one.gt_cam[one.found == 1], {"color": PURPLE, "lw": 1.2}),
@@ -166,7 +165,7 @@ def _draw(axes: Axes, one: Seen, side: float, ahead: float) -> None:
     )  # fmt: skip
     for label, boxes, look in layers:
         if label:
-            axes.plot([], [], label=label, **look)  # type: ignore[arg-type]
+            axes.plot([], [], label=label, **look)
         for outline in _outlines(boxes):
             axes.plot(*outline.T, **look)
     axes.set(xlim=(-side, side), ylim=(0, ahead), aspect="equal")
