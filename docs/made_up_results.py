@@ -20,7 +20,9 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("labels", type=Path, help="folder of label files")
     options.add_argument("out", type=Path, help="folder of result files")
-    options.add_argument("--error", type=float, default=0.3, help="how far boxes are off at 30 m, metres")
+    options.add_argument(
+        "--error", type=float, default=0.3, help="how far boxes are off at 30 m, metres"
+    )
     options.add_argument("--seed", type=int, default=0, help="of the run")
     given = options.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)

@@ -47,9 +47,10 @@ class Compared:
         baseline: name of the detector that the others are held against.
         classes: that were compared.
         cells: a row for each class, metric, difficulty, average and detector: ``runs``, ``n_gt``, ``ap`` and ``gain``
-            with ``_low`` and ``_high``, ``one_r11_step`` and ``marked``. The gains' intervals hold for all gains of the
-            class in that average at once. NaN where a detector has no such boxes, and for gains of the baseline.
-            ``marked``: the gain in R40 differs from zero, and is the mean of three runs at least.
+            with ``_low`` and ``_high``, ``one_r11_step`` and ``marked``. The gains' intervals hold for all detectors
+            at once, each cell for itself. NaN where a detector has no such boxes, and for gains of the baseline.
+            ``marked``: the gain in R40, of three runs at least, differs from zero where all gains of the class are
+            looked at together.
         verdicts: a row for each class (``group``) and detector (``level``) that has boxes for the primary metric, see
             ``analysis.verdicts.judge``.
         margin: of the verdicts, AP.
@@ -190,25 +191,34 @@ def _cell_rows(held: Held, baseline: str, class_name: str, drawn: Drawn) -> list
 
 
 def _average_rows(held: Held, baseline: str, drawn: Drawn, place: int) -> dict[Key, dict[str, Any]]:
-    """AP and gain of all cells of one class in one average, gains as one family."""
+    """AP and gain of all cells of one class in one average: gains of a cell as a family, marks of all cells as one."""
     sampled = {key: _sampled(drawn, key, baseline, place) for key in drawn}
     family = {
         key: gain for key, (_, gain) in sampled.items() if gain is not None and key[0] != baseline
     }
-    gains = dict(zip(family, joint_intervals(list(family.values())), strict=True))
+    in_cells = [
+        _joint({key: family[key] for key in family if key[1] == cell}) for cell in _cells(held)
+    ]
+    gains = {key: one for own in in_cells for key, one in own.items()}
+    enough = {key: gain for key, gain in family.items() if len(gain.values) >= FEWEST}
+    is_marked = AVERAGES[place] == "R40"
+    marked = {key for key, one in _joint(enough).items() if one.excludes_zero and is_marked}
     rows: dict[Key, dict[str, Any]] = {}
     for key in ((name, cell) for name in held.names for cell in _cells(held)):
         ap = interval(sampled[key][0]).within_percent() if key in sampled else NO_INTERVAL
         n_runs = len(sampled[key][0].values) if key in sampled else len(held.runs[key[0]])
         gain = gains.get(key, NO_INTERVAL)
-        is_marked = AVERAGES[place] == "R40" and n_runs >= FEWEST and gain.excludes_zero
         rows[key] = {
             "runs": n_runs,
             **interval_columns("ap", ap),
             **interval_columns("gain", gain),
-            "marked": is_marked,
+            "marked": key in marked,
         }
     return rows
+
+
+def _joint(family: Mapping[Key, Sample]) -> dict[Key, Interval]:
+    return dict(zip(family, joint_intervals(list(family.values())), strict=True))
 
 
 def _verdict_rows(

@@ -12,24 +12,17 @@ import numpy as np
 import pandas as pd
 
 from fl3d.analysis.compare import Compared
+from fl3d.analysis.compare_tables import tables_of
 from fl3d.analysis.differences import ALARMS, changed_frames, cuts, found_by_part
 from fl3d.analysis.surroundings import Surroundings
 from fl3d.core.files import write_text
-from fl3d.reports.comparison import (
-    ONE_RUN,
-    VIEWS,
-    Shown,
-    ap_table,
-    gain_table,
-    metric_text,
-    verdict_table,
-)
+from fl3d.reports.comparison import VIEWS, metric_text
 from fl3d.reports.figures.curves import precision_recall
 from fl3d.reports.figures.differences import draw_found_by_part, frames_from_above
 from fl3d.reports.figures.forest import forest
 from fl3d.reports.levels import Levels, slug
 from fl3d.reports.page import Section, folded, listing, page, paragraph, picture, preformatted
-from fl3d.reports.render import to_csv, to_html, to_latex, to_markdown
+from fl3d.reports.render import to_html, to_latex, to_markdown
 from fl3d.reports.table import Table
 
 FEW = 3  # frames of each kind that are drawn
@@ -47,28 +40,6 @@ FRAMES = (
     "Frames in which {other} finds {more} than {baseline}, false alarms taken off; both cut at {alarms:g} false alarms "
     "a frame. The stroke in a box points to its front."
 )
-
-
-def tables_of(compared: Compared) -> list[Table]:
-    """Tables of a comparison as papers print them: verdicts, APs of each class in R40 and R11, gains."""
-    shown = shown_of(compared)
-    tables = [verdict_table(compared.verdicts, shown)]
-    for name in compared.classes:
-        tables += [ap_table(compared.cells, name, average, shown) for average in ("R40", "R11")]
-        tables.append(gain_table(compared.cells, name, shown))
-    return tables
-
-
-def shown_of(compared: Compared) -> Shown:
-    """Whom the tables show, with the notes below them."""
-    units = compared.held.units
-    is_single = (compared.verdicts["seeds"] == 1).all()
-    notes = (
-        units.note,
-        *([ONE_RUN.format(units=units.name)] if is_single else []),
-        *compared.notes,
-    )
-    return Shown(compared.held.names, compared.baseline, compared.margin, notes)
 
 
 def write_comparison(
@@ -90,11 +61,13 @@ def write_comparison(
     """
     surroundings.check(compared.held.ids)
     tables = tables_of(compared)
-    written = _write_tables(tables, compared.cells, folder)
+    written = _write_tables(tables, compared, folder)
     figures = folder / "figures"
     levels = Levels("", compared.held.names, compared.baseline)
     drawn = forest(_told(compared.verdicts), levels, compared.margin, figures / "forest")
-    curves = precision_recall(_curves(compared), levels, figures / "precision_recall")
+    recalls = _curves(compared)
+    order = list(dict.fromkeys(recalls["group"]))
+    curves = precision_recall(recalls, levels, figures / "precision_recall", order)
     points = surroundings.points_on_objects(compared)
     parts, frames = [], []
     for name in compared.classes:
@@ -103,8 +76,8 @@ def write_comparison(
         parts.append((name, draw_found_by_part(data, compared.held.names, path)))
         frames += _draw_frames(compared, name, surroundings, figures)
     sections = [
-        Section("Verdict", (_shown(drawn, FOREST.format(baseline=compared.baseline)), to_html(tables[0]))),
-        Section("AP", tuple(_ap_parts(tables[1:]))),
+        Section("Verdict", (_shown(drawn, FOREST.format(baseline=compared.baseline)), *_html(tables, "-verdicts"))),
+        Section("AP", (*_html(tables, "-r40"), *_html(tables, "-gains"), *_folded(tables, "-r11"))),
         Section("Precision and recall", (_shown(curves, CURVES),)),
         Section("Where they differ", tuple(_shown(paths, _part_caption(compared, name)) for name, paths in parts)),
         Section("Frames", tuple(_shown(paths, caption) for caption, paths in frames)),
@@ -126,12 +99,12 @@ def _told(verdicts: pd.DataFrame) -> pd.DataFrame:
     return told.assign(group=told["group"] + ", " + told["metric"], metric="AP")
 
 
-def _write_tables(tables: Sequence[Table], cells: pd.DataFrame, folder: Path) -> list[Path]:
+def _write_tables(tables: Sequence[Table], compared: Compared, folder: Path) -> list[Path]:
     texts = {
         "compare.md": "\n".join(to_markdown(table) for table in tables),
         "compare.tex": "\n".join(to_latex(table) for table in tables),
-        "compare.csv": cells.to_csv(index=False, lineterminator="\n"),
-        "verdicts.csv": to_csv(tables[0]),
+        "compare.csv": compared.cells.to_csv(index=False, lineterminator="\n"),
+        "verdicts.csv": compared.verdicts.to_csv(index=False, lineterminator="\n"),
     }
     for name, text in texts.items():
         write_text(folder / name, text)
@@ -144,13 +117,16 @@ def _shown(paths: Sequence[Path], caption: str) -> str:
     return picture(pngs[0].read_bytes(), caption) if pngs else ""
 
 
-def _ap_parts(tables: Sequence[Table]) -> list[str]:
-    """Of each class R40 and gains; R11 is opened by a click."""
-    parts = []
-    for table in tables:
-        is_r11 = table.name.endswith("-r11")
-        parts.append(folded(f"{table.caption}", to_html(table)) if is_r11 else to_html(table))
-    return parts
+def _html(tables: Sequence[Table], ending: str) -> list[str]:
+    """Tables of one kind, as their names end."""
+    return [to_html(table) for table in tables if table.name.endswith(ending)]
+
+
+def _folded(tables: Sequence[Table], ending: str) -> list[str]:
+    """Likewise, opened by a click."""
+    return [
+        folded(table.caption, to_html(table)) for table in tables if table.name.endswith(ending)
+    ]
 
 
 def _part_caption(compared: Compared, name: str) -> str:

@@ -62,7 +62,11 @@ def parts_of(gt: LabelTable, points: Int | None = None) -> list[Part]:
     hidden = gt.values[:, 1].astype(np.int64)
     parts = [
         Part("distance", _names(METRES, "m"), _bin_of(np.hypot(x, z), METRES)),
-        Part("occlusion", ("fully visible", "partly", "largely"), np.where(hidden > 2, -1, np.maximum(hidden, -1))),
+        Part(
+            "occlusion",
+            ("fully visible", "partly", "largely"),
+            np.where(hidden > 2, -1, np.maximum(hidden, -1)),
+        ),
         Part("seen from", ("front", "side", "back"), side),
     ]
     if points is not None:

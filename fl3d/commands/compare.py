@@ -7,7 +7,8 @@ import shlex
 from pathlib import Path
 
 from fl3d.analysis.compare import MARGIN, compare_detectors
-from fl3d.analysis.compare_page import shown_of, write_comparison
+from fl3d.analysis.compare_page import write_comparison
+from fl3d.analysis.compare_tables import text_of
 from fl3d.analysis.result_folders import MISSING, hold, read_detectors
 from fl3d.analysis.surroundings import Surroundings
 from fl3d.commands.words import parser
@@ -16,8 +17,6 @@ from fl3d.config.settings import read_settings
 from fl3d.core.errors import ConfigError
 from fl3d.data.splits import read_split
 from fl3d.evaluation.protocol import Protocol
-from fl3d.reports.comparison import gain_table, verdict_table
-from fl3d.reports.render import to_text
 
 PROTOCOLS = sorted(path.stem for path in (CONF / "protocol").glob("*.yaml"))
 DESCRIPTION = """\
@@ -57,13 +56,11 @@ def run(arguments: list[str]) -> None:
         missing=given.missing,
         mapping=given.mapping,
     )
+    surroundings.check(held.ids)
     compared = compare_detectors(held, given.baseline, _listed(given.classes), given.margin)
-    shown = shown_of(compared)
     protocol = f"protocol {held.protocol.name} (variant {held.protocol.variant})"
     print(f"{len(held.ids)} frames, {protocol}; AP in percent\n")
-    for name in compared.classes:
-        print(to_text(gain_table(compared.cells, name, shown, narrow=True)))
-    print(to_text(verdict_table(compared.verdicts, shown)))
+    print(text_of(compared))
     if given.out is not None:
         command = shlex.join(["python", "-m", "fl3d", "compare", *arguments])
         for path in write_comparison(compared, given.out, surroundings, command):

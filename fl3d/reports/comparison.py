@@ -17,12 +17,11 @@ from fl3d.reports.verdicts import gain_text, verdict_text
 
 VIEWS = {"3d": "3D", "bev": "BEV", "image": "2D"}  # in the order of the tables
 NOTHING = "–"
-AT_ONCE = "Intervals of gains hold for all gains of the table in that average at once (95 %)"
+AT_ONCE = "Intervals of gains: 95 %, for all detectors of a row at once"
+STAR = "Star: differs from zero where all gains of the table are looked at together, from three runs on"
 VERDICTS = (
     "Better, worse: it excludes 0; equivalent: it lies within ± {margin:g} AP; undecided: neither"
 )
-BY_CLASS = "Intervals of gains hold for all detectors at once (95 %)"
-STAR = "Star: differs from zero, from three runs on"
 ONE_RUN = (
     "One run of each says what these two would do on other such {units}, not what another training of them would: "
     "no verdict and no star. Three runs make one: NAME=RUN1,RUN2,RUN3."
@@ -48,31 +47,31 @@ class Shown:
     notes: tuple[str, ...] = ()
 
 
-def verdict_table(verdicts: pd.DataFrame, shown: Shown) -> Table:
-    """Each detector's AP, gain and verdict in the primary metric of each class.
+def verdict_table(verdicts: pd.DataFrame, class_name: str, shown: Shown) -> Table:
+    """Each detector's AP, gain and verdict on a class, in the primary metric.
 
     Args:
         verdicts: see ``analysis.compare.Compared``.
+        class_name: one of its classes.
         shown: whom.
     """
     columns = (
-        Column("class", "class"),
         Column("detector", "detector"),
         Column("runs", "runs", "", True),
         Column("ap", "AP"),
-        Column("gain", f"gain over {shown.baseline}"),
+        Column("gain", "gain"),
         Column("verdict", "verdict"),
     )
-    rows = [_verdict_row(row, shown.margin) for row in verdicts.to_dict("records")]
-    by_metric = verdicts.groupby("metric", sort=False)["group"].unique()
-    told = "; ".join(
-        f"{metric_text(str(metric))} ({', '.join(own)})" for metric, own in by_metric.items()
-    )
-    caption = f"Is it better than {shown.baseline}? By {told}"
-    has_verdict = (verdicts["seeds"] >= FEWEST).any()
-    words = [VERDICTS.format(margin=shown.margin)] if has_verdict else []
-    legend = ". ".join([BY_CLASS, *words])
-    return Table("verdicts", caption, columns, tuple(rows), legend, shown.notes)
+    own = verdicts[verdicts["group"] == class_name].to_dict("records")
+    rows = [_verdict_row(row, shown.margin) for row in own]
+    metric = metric_text(str(own[0]["metric"]))
+    caption = f"{class_name}, {metric}: verdicts on detectors against {shown.baseline}"
+    has_verdict = any(row["seeds"] >= FEWEST for row in own)
+    legend = AT_ONCE + (f". {VERDICTS.format(margin=shown.margin)}" if has_verdict else "")
+    told = [(row["level"], _word(row, shown.margin)) for row in own]
+    more = [f"{name}: {word}." for name, word in told if word != _short(word)]
+    name = f"{slug(class_name)}-verdicts"
+    return Table(name, caption, columns, tuple(rows), legend, (*more, *shown.notes))
 
 
 def metric_text(name: str) -> str:
@@ -83,16 +82,24 @@ def metric_text(name: str) -> str:
 
 def _verdict_row(row: Row, margin: float) -> tuple[Cell, ...]:
     is_base = row["verdict"] == Verdict.BASELINE
-    ap = f"{row['ap']:.2f} [{row['ap_low']:.2f}, {row['ap_high']:.2f}]"
-    word = verdict_text(row, margin).replace("seed", "run")
+    ap = f"{row['ap']:.2f} [{row['ap_low']:.1f}, {row['ap_high']:.1f}]"
+    ends = f"[{row['gain_low']:+.1f}, {row['gain_high']:+.1f}]"
     return (
-        Cell(str(row["group"])),
         Cell(str(row["level"])),
         Cell(str(row["seeds"])),
         Cell(ap),
-        Cell("" if is_base else gain_text(row)),
-        Cell(word, bold=Verdict(row["verdict"]).is_final),
+        Cell("" if is_base else f"{row['gain']:+.2f} {ends}"),
+        Cell(_short(_word(row, margin)), bold=Verdict(row["verdict"]).is_final),
     )
+
+
+def _word(row: Row, margin: float) -> str:
+    return verdict_text(row, margin).replace("seed", "run")
+
+
+def _short(word: str) -> str:
+    """A verdict without what would bring one."""
+    return word.partition(";")[0].partition(", about")[0].partition(":")[0]
 
 
 def ap_table(cells: pd.DataFrame, class_name: str, average: str, shown: Shown) -> Table:
@@ -141,7 +148,7 @@ def gain_table(cells: pd.DataFrame, class_name: str, shown: Shown, narrow: bool 
     own = {average: _of(cells, class_name, average) for average in ("R40", "R11")}
     columns = [
         *(Column("cell", ""), Column("n_gt", "objects", "", True), Column("detector", "detector")),
-        *(Column("r40", "R40", "", True), Column("r40_gain", f"gain over {shown.baseline}")),
+        *(Column("r40", "R40", "", True), Column("r40_gain", "gain in R40")),
         Column("r11", "R11", "", True),
         *([] if narrow else [Column("r11_gain", "gain in R11")]),
     ]
@@ -154,7 +161,7 @@ def gain_table(cells: pd.DataFrame, class_name: str, shown: Shown, narrow: bool 
             line = [Cell(front[0]), Cell(front[1]), Cell(name), Cell(f"{r40['ap']:.2f}")]
             line += [_gain(r40, name, shown), Cell(f"{r11['ap']:.2f}")]
             rows.append(tuple(line if narrow else [*line, _gain(r11, name, shown)]))
-    caption = f"{class_name}: AP and gain over {shown.baseline} [95 % interval]"
+    caption = f"{class_name}: AP, and gain over {shown.baseline}"
     has_star = any(row["marked"] for row in own["R40"].values())
     legend = ". ".join([AT_ONCE, *([STAR] if has_star else [])])
     is_stepped = any(row["one_r11_step"] for row in own["R11"].values())
