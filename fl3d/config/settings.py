@@ -9,7 +9,7 @@ from typing import Any
 
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config
-from fl3d.evaluation.protocol import METRIC_NAMES, Protocol
+from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import STAGES
 
 
@@ -180,11 +180,12 @@ def read_settings(config: Config) -> Settings:
     best_among = config["selection"]["stages"]
     if best_among not in STAGES:
         raise ConfigError(f"selection.stages: {options(best_among, STAGES)}")
+    protocol = Protocol(**config["protocol"])
     return Settings(
-        sweep=_sweep(config["sweep"]),
+        sweep=_sweep(config["sweep"], protocol),
         data=_data(config["data"]),
         store=_store(config["store"]),
-        protocol=Protocol(**config["protocol"]),
+        protocol=protocol,
         profile=config["profile"]["name"],
         best_among=best_among,
         results=Path(config["results"]),
@@ -220,10 +221,10 @@ def _store(section: Mapping[str, Any]) -> StoreSettings:
     return StoreSettings(**{**section, "root": Path(section["root"])})
 
 
-def _sweep(section: Mapping[str, Any]) -> SweepSettings:
+def _sweep(section: Mapping[str, Any], protocol: Protocol) -> SweepSettings:
     primary = section["primary"]
-    if f"ap_{primary}" not in METRIC_NAMES:
-        possible = [name.removeprefix("ap_") for name in METRIC_NAMES]
+    if f"ap_{primary}" not in protocol.metric_names:
+        possible = [name.removeprefix("ap_") for name in protocol.metric_names]
         raise ConfigError(
             f"sweep.primary: no metric '{primary}'. {options(str(primary), possible)}"
         )

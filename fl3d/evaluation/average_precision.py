@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from fl3d.core.errors import ConfigError, options
 from fl3d.data.label_table import LabelTable
 from fl3d.evaluation.levels import (
+    Reason,
     detection_flags,
     ground_truth_flags,
     ignored_at,
     is_far,
     reasons,
 )
-from fl3d.evaluation.matching import Matches, match_frames, recall_thresholds, sort_matches
+from fl3d.evaluation.matching import Flags, Matches, match_frames, recall_thresholds, sort_matches
 from fl3d.evaluation.overlaps import Overlaps, find_overlaps
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
 
@@ -70,6 +71,18 @@ def average_r40(precision: NDArray[np.float64]) -> float:
     return float(precision[1:].sum() / 40 * 100)
 
 
+def most_possible(n_gt: int) -> tuple[float, float]:
+    """R11 and R40 of a detector that finds all of so many ground truths and nothing else, in percent.
+
+    Each recall sample needs a hit of its own, so fewer ground truths than samples cannot reach 100.
+    """
+    once = np.ones(n_gt, dtype=np.int64)
+    reached = recall_thresholds(np.zeros(n_gt), once, n_gt) if n_gt else np.zeros(0)
+    precision = np.zeros(N_SAMPLES)
+    precision[: len(reached)] = 1
+    return average_r11(precision), average_r40(precision)
+
+
 Curves = dict[str, dict[str, dict[str, Curve]]]
 
 
@@ -110,35 +123,41 @@ class Comparison:
                 f"protocol {self.protocol.name} has no metric '{metric}'. "
                 f"{options(metric, self.protocol.metrics)}"
             )
+        m = METRICS.index(metric)
         of_gt, of_det, excused = self.flags(name, metric, difficulty)
         found = match_frames(
             self.gt.offsets,
             self.det.offsets,
             self.overlaps.offsets,
             self.overlaps.detection,
-            self.overlaps.values[METRICS.index(metric)],
+            self.overlaps.values[m],
             of_gt,
             of_det,
             np.ascontiguousarray(self.det.scores),
             excused,
             np.ascontiguousarray(self.gt.values[:, 2]),
             np.ascontiguousarray(self.det.values[:, 2]),
-            self.protocol.overlaps[name][METRICS.index(metric)],
+            self.protocol.overlaps[name][m],
         )
         return sort_matches(*found)
 
     def flags(
         self, name: str, metric: str, difficulty: str
-    ) -> tuple[NDArray[np.int8], NDArray[np.int8], NDArray[np.bool_]]:
-        """What counts: flags of ground truths (G,) and detections (D,), and which (D,) are never false alarms."""
-        level = DIFFICULTIES.index(difficulty)
+    ) -> tuple[Flags, Flags, NDArray[np.bool_]]:
+        """What counts of one class, metric and difficulty.
+
+        Returns:
+            of ground truths (G,) and of detections (D,) 0 counts, 1 is ignored, -1 is not there; and which detections
+            are no false alarms although they hit nothing (D,).
+        """
+        m, level = METRICS.index(metric), DIFFICULTIES.index(difficulty)
+        why = reasons(self.gt, level, self.protocol, self.beyond, self.points)
         # DontCare has no 3D box, so it excuses false alarms in the image alone.
         excused = (
-            self.overlaps.dontcare > self.protocol.overlaps[name][METRICS.index(metric)]
+            self.overlaps.dontcare > self.protocol.overlaps[name][m]
             if metric == "image"
             else is_far(self.det, level, self.protocol)
         )
-        why = reasons(self.gt, level, self.protocol, self.beyond, self.points)
         return (
             ground_truth_flags(self.gt, name.lower(), ignored_at(why, len(self.gt.types))),
             detection_flags(self.det, name.lower(), level, self.protocol),
@@ -218,15 +237,32 @@ def _samples(part: NDArray[np.generic], whole: NDArray[np.int64]) -> NDArray[np.
     return samples
 
 
-def as_json(curves: Curves) -> dict[str, Mapping[str, object]]:
-    """Curves as plain values: thresholds, counts, 41 precisions and both APs, in full doubles."""
+def as_json(
+    curves: Curves, ignored: Mapping[str, Mapping[str, Mapping[Reason, int]]] | None = None
+) -> dict[str, Mapping[str, object]]:
+    """Curves as plain values: thresholds, counts, 41 precisions and both APs, in full doubles.
+
+    Args:
+        curves: see ``evaluate``.
+        ignored: see ``counts.LabelCounts``: by class and difficulty how many labels do not count, by reason.
+    """
+    why = ignored or {}
     return {
         name: {
-            metric: {level: _plain(curve) for level, curve in levels.items()}
+            metric: {
+                level: _plain(curve) | _plain_reasons(why.get(name, {}).get(level))
+                for level, curve in levels.items()
+            }
             for metric, levels in metrics.items()
         }
         for name, metrics in curves.items()
     }
+
+
+def _plain_reasons(found: Mapping[Reason, int] | None) -> dict[str, object]:
+    if found is None:
+        return {}
+    return {"ignored": {reason.name.lower(): n for reason, n in found.items()}}
 
 
 def _plain(curve: Curve) -> dict[str, object]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fl3d.data.label_table import NAMES, OTHER, LabelTable, table_from_labels
 from fl3d.data.labels import TYPES, Labels
-from fl3d.evaluation.levels import NEIGHBOURS, Mask, Reason, is_low, reasons
+from fl3d.evaluation.levels import NEIGHBOURS, Mask, Reason, reasons, result_reasons
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
 
 TURN = 2 * np.pi
@@ -36,6 +36,7 @@ class LabelCounts:
         neighbours: by class, those of its neighbour (Van for Car), which are neither hits nor misses.
         others: labels of every other class, by its name as it is written, most first.
         dontcare: regions to be ignored.
+        without_size: by class, its labels, where none of them has a 3D box.
         turned: labels of the classes that count whose rotation_y is beyond 2 pi.
     """
 
@@ -47,6 +48,7 @@ class LabelCounts:
     neighbours: dict[str, int]
     others: dict[str, int]
     dontcare: int
+    without_size: dict[str, int]
     turned: int
 
     @property
@@ -62,8 +64,10 @@ class ResultCounts:
     Args:
         n_results: of all classes.
         results: by class that counts.
-        low: by class that counts and difficulty, those that are ignored as they are too low in the picture.
+        ignored: by class that counts and difficulty, how many are neither hits nor false alarms unless they hit, for
+            which reason: too low in the picture, or beyond a level that goes by distance; only what is not 0.
         without_box: results of the classes that count without a 2D box.
+        without_size: by class, its results, where none of them has a 3D box.
         others: results of every other class, by its name as it is written, most first.
         equal: by class, the score of its results where all of them, two or more, have the same.
         turned: results of the classes that count whose rotation_y is beyond 2 pi.
@@ -71,8 +75,9 @@ class ResultCounts:
 
     n_results: int
     results: dict[str, int]
-    low: dict[str, dict[str, int]]
+    ignored: dict[str, dict[str, dict[Reason, int]]]
     without_box: int
+    without_size: dict[str, int]
     others: dict[str, int]
     equal: dict[str, float]
     turned: int
@@ -125,6 +130,7 @@ def count_labels(
         },
         others={name: n for name, n in by_name.items() if name.lower() not in known},
         dontcare=int((gt.types == NAMES.index("dontcare")).sum()),
+        without_size=_without_size(gt, own),
         turned=_turned(gt, _any(own, len(gt.types))),
     )
 
@@ -138,19 +144,17 @@ def count_results(det: LabelTable, protocol: Protocol) -> ResultCounts:
     """
     own = {name: det.types == NAMES.index(name.lower()) for name in protocol.overlaps}
     any_own = _any(own, len(det.types))
-    low = {
-        name: {
-            level: int((mask & is_low(det, place)).sum()) if protocol.uses_picture else 0
-            for place, level in enumerate(DIFFICULTIES)
-        }
-        for name, mask in own.items()
-    }
+    why = [result_reasons(det, level, protocol) for level in range(len(DIFFICULTIES))]
     known = {name.lower() for name in protocol.overlaps}
     return ResultCounts(
         n_results=len(det.types),
         results={name: int(mask.sum()) for name, mask in own.items()},
-        low=low,
+        ignored={
+            name: {level: _first(mask, of) for level, of in zip(DIFFICULTIES, why, strict=True)}
+            for name, mask in own.items()
+        },
         without_box=int((any_own & (det.values[:, 6] == det.values[:, 4])).sum()),
+        without_size=_without_size(det, own),
         others={name: n for name, n in _by_name(det).items() if name.lower() not in known},
         equal={
             name: float(det.scores[mask][0])
@@ -181,12 +185,17 @@ def _any(masks: dict[str, Mask], n: int) -> Mask:
 
 def _by_name(table: LabelTable) -> dict[str, int]:
     """Objects of each class, most first; what no KITTI label is called under the name that it is written with."""
-    others: Sequence[str] = getattr(table, "others", ())
     found: Counter[str] = Counter()
     for code, n in zip(*np.unique(table.types, return_counts=True), strict=True):
-        name = TYPES[code] if code < OTHER else (others[code - OTHER] if others else "other")
+        name = TYPES[code] if code < OTHER else table.others[code - OTHER]
         found[name] += int(n)
     return dict(found.most_common())
+
+
+def _without_size(table: LabelTable, own: dict[str, Mask]) -> dict[str, int]:
+    """Classes none of whose objects has a height, width and length, and their numbers."""
+    flat = table.values[:, 7:10].min(axis=1) <= 0
+    return {name: int(mask.sum()) for name, mask in own.items() if mask.any() and flat[mask].all()}
 
 
 def _turned(table: LabelTable, own: Mask) -> int:

@@ -2,34 +2,73 @@
 
 from __future__ import annotations
 
-import re
+from dataclasses import dataclass
 from pathlib import Path
 
 from fl3d.core.errors import DataError
 from fl3d.data.label_table import read_table
-from fl3d.evaluation.average_precision import Curves, average_r11, average_r40, compare, evaluate
-from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
+from fl3d.data.text import read_lines
+from fl3d.evaluation.average_precision import Curves, compare, evaluate
+from fl3d.evaluation.counts import LabelCounts, ResultCounts, count_labels, count_results
+from fl3d.evaluation.frames import LABEL_FIELDS, Choice, choose_frames, read_results
+from fl3d.evaluation.protocol import Protocol
 
-NUMBER = re.compile(r"\d+")
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A folder of results, evaluated.
+
+    Args:
+        protocol: that it was evaluated under.
+        frames: that were evaluated.
+        curves: of every class, metric and difficulty.
+        labels: how many count, and why the others do not.
+        results: likewise.
+        label_fields: of the first line of the first label file that has one.
+    """
+
+    protocol: Protocol
+    frames: Choice
+    curves: Curves
+    labels: LabelCounts
+    results: ResultCounts
+    label_fields: int = LABEL_FIELDS
 
 
-def evaluate_folder(labels: Path, results: Path, protocol: Protocol) -> tuple[Curves, int]:
-    """Evaluate the frames that have a result file; an empty file counts, a missing one leaves its frame out.
+def evaluate_folder(
+    labels: Path,
+    results: Path,
+    protocol: Protocol,
+    split: Path | None = None,
+    missing: str = "skip",
+) -> Evaluated:
+    """Evaluate a folder of results; they are taken as they are, neither cut nor suppressed.
 
     Args:
         labels: folder of label files, ``FRAME.txt``.
-        results: folder of result files of the same names; what they hold is neither cut nor suppressed.
-        protocol: overlaps and variant.
-
-    Returns:
-        the curves and the number of frames.
+        results: folder of result files of the same names; an empty one counts.
+        protocol: overlaps, variant and difficulty.
+        split: see ``frames.choose_frames``.
+        missing: likewise.
 
     Raises:
-        DataError: a folder holds no such file, a label file is missing, or a line is malformed.
+        ConfigError: the protocol goes by points, which needs clouds.
+        DataError: frames cannot be chosen, see ``frames.choose_frames``, or a line is malformed.
     """
-    ids = result_ids(results, labels)
-    gt, det = read_table(labels, ids, scored=False), read_table(results, ids, scored=True)
-    return evaluate(compare(gt, det, protocol)), len(ids)
+    frames = choose_frames(labels, results, split, missing)
+    gt, det = read_table(labels, frames.ids, scored=False), read_results(results, frames)
+    counts = count_labels(gt, protocol)
+    curves = evaluate(compare(gt, det, protocol))
+    fields = _label_fields(labels, frames)
+    return Evaluated(protocol, frames, curves, counts, count_results(det, protocol), fields)
+
+
+def _label_fields(folder: Path, frames: Choice) -> int:
+    for frame_id in frames.ids:
+        for line in read_lines(folder / f"{frame_id}.txt"):
+            if line.strip():
+                return len(line.split())
+    return LABEL_FIELDS
 
 
 def result_ids(folder: Path, labels: Path | None = None) -> list[str]:
@@ -48,39 +87,8 @@ def result_ids(folder: Path, labels: Path | None = None) -> list[str]:
     ids = [
         name
         for name in names
-        if NUMBER.fullmatch(name) or (labels is not None and (labels / f"{name}.txt").exists())
+        if name.isdigit() or (labels is not None and (labels / f"{name}.txt").exists())
     ]
     if not ids:
         raise DataError("holds no file FRAME.txt, such as 000001.txt", folder)
     return ids
-
-
-def curves_to_markdown(curves: Curves) -> str:
-    """R11 and R40 of every class and metric that has a ground truth, as Markdown."""
-    head = [
-        "class",
-        "metric",
-        *(f"{average} {level}" for average in ("R11", "R40") for level in DIFFICULTIES),
-    ]
-    lines = ["| " + " | ".join(head) + " |", "|---|---|" + "---:|" * 6]
-    for name, metrics in curves.items():
-        for metric, levels in metrics.items():
-            if not any(curve.n_gt for curve in levels.values()):
-                continue
-            aps = [curve.ap_r11 for curve in levels.values()] + [
-                curve.ap_r40 for curve in levels.values()
-            ]
-            lines.append("| " + " | ".join([name, metric, *(f"{ap:.4f}" for ap in aps)]) + " |")
-            similar = [
-                curve.orientation for curve in levels.values() if curve.orientation is not None
-            ]
-            if similar:
-                aos = [
-                    average(samples)
-                    for average in (average_r11, average_r40)
-                    for samples in similar
-                ]
-                lines.append(
-                    "| " + " | ".join([name, "orientation", *(f"{v:.4f}" for v in aos)]) + " |"
-                )
-    return "\n".join(lines)

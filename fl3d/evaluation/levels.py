@@ -130,6 +130,14 @@ def is_low(det: LabelTable, level: int) -> Mask:
     return height < MIN_HEIGHT[level]
 
 
+def result_reasons(det: LabelTable, level: int, protocol: Protocol) -> dict[Reason, Mask]:
+    """Why results are no false alarms at a level, whatever their class: (D,) for each reason."""
+    if protocol.uses_picture:
+        without = det.values[:, 6] == det.values[:, 4]
+        return {Reason.NO_BOX: without, Reason.LOW: is_low(det, level)}
+    return {Reason.FAR: is_far(det, level, protocol)}
+
+
 def is_far(det: LabelTable, level: int, protocol: Protocol) -> Mask:
     """Which detections lie beyond a level that goes by distance, so that they are hits but never false alarms: (D,)."""
     limits = protocol.level_limits

@@ -114,9 +114,31 @@ class Protocol:
         return METRICS if self.uses_picture else METRICS[1:]
 
     @property
+    def metric_names(self) -> tuple[str, ...]:
+        """Those of ``METRIC_NAMES`` that it has."""
+        return tuple(
+            name for name in METRIC_NAMES if self.uses_picture or not name.startswith("ap_image")
+        )
+
+    @property
     def level_limits(self) -> tuple[float, float, float] | None:
         """Where its levels end; None where they do not go by distance or points."""
         return self.limits if self.limits is not None else LIMITS.get(self.difficulty)
+
+    @property
+    def levels_text(self) -> str:
+        """What easy, moderate and hard go by, for people: ``up to 30, 50, 70 m away``."""
+        if self.uses_picture:
+            return "KITTI's height, occlusion and truncation"
+        limits = self.level_limits
+        if limits is None:
+            return "every object"
+        numbers = ", ".join(f"{limit:g}" for limit in limits)
+        return (
+            f"up to {numbers} m away"
+            if self.difficulty == "distance"
+            else f"at least {numbers} points"
+        )
 
     @property
     def id(self) -> str:

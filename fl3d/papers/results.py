@@ -16,6 +16,7 @@ from fl3d.config.settings import Settings
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
 from fl3d.core.files import write_text
 from fl3d.evaluation.average_precision import N_SAMPLES
+from fl3d.evaluation.protocol import METRICS
 from fl3d.papers.base import PaperTable
 from fl3d.papers.judged_views import intervals_by_level, tables_of_verdicts
 from fl3d.papers.registry import papers_of, tables_named
@@ -35,7 +36,10 @@ CUTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 def protocol_note(settings: Settings, average: str = "R11") -> str:
     """What a reader must know of a table's APs."""
     protocol = settings.protocol
-    overlaps = " / ".join(f"{value:g}" for value in protocol.overlaps["Car"])
+    of_metric = dict(zip(METRICS, protocol.overlaps["Car"], strict=True))
+    overlaps = " / ".join(f"{of_metric[metric]:g}" for metric in protocol.metrics)
+    names = " / ".join({"image": "image", "bev": "BEV", "3d": "3D"}[m] for m in protocol.metrics)
+    levels = "" if protocol.uses_picture else f"; objects all around, {protocol.levels_text}"
     area = protocol.ignore_beyond
     limit = (
         f"; cars beyond x {area[0]:g} to {area[2]:g} m, y {area[1]:g} to {area[3]:g} m ignored"
@@ -44,7 +48,7 @@ def protocol_note(settings: Settings, average: str = "R11") -> str:
     )
     return (
         f"Data {settings.data.name}, profile {settings.profile}; Car, {average}, overlaps {overlaps} "
-        f"(image / BEV / 3D); score cut {protocol.score_threshold:g}, NMS {protocol.nms_iou:g}{limit}."
+        f"({names}){levels}; score cut {protocol.score_threshold:g}, NMS {protocol.nms_iou:g}{limit}."
     )
 
 

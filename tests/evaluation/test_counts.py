@@ -131,7 +131,8 @@ def test_results_are_counted_with_what_is_odd_about_them() -> None:
     found = labels_from_columns(["Car", "Car", "Car"], rows, scored=True)
     counts = count_results(table_from_labels([found]), KITTI)
     assert counts.results == {"Car": 3, "Pedestrian": 0}
-    assert counts.low["Car"] == {"easy": 2, "moderate": 1, "hard": 1}
+    assert counts.ignored["Car"]["easy"] == {Reason.NO_BOX: 1, Reason.LOW: 1}
+    assert counts.ignored["Car"]["hard"] == {Reason.NO_BOX: 1}
     assert (counts.without_box, counts.turned, counts.equal) == (1, 1, {"Car": 0.5})
 
 
