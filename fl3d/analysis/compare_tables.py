@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from fl3d.analysis.compare import Compared
 from fl3d.reports.comparison import ONE_RUN, Shown, ap_table, gain_table, verdict_table
-from fl3d.reports.render import to_text
+from fl3d.reports.render import to_text, wrapped
 from fl3d.reports.table import Table
 
 NAME_LETTERS = 16  # of a detector's name on a terminal of 100 columns
@@ -34,7 +34,7 @@ def text_of(compared: Compared) -> str:
     for name in compared.classes:
         parts.append(to_text(gain_table(cells, name, shown, narrow=True)))
         parts.append(to_text(verdict_table(verdicts, name, shown)))
-    return "\n".join([*parts, *whole.notes])
+    return "\n".join([*parts, *map(wrapped, whole.notes)])
 
 
 def shown_of(compared: Compared) -> Shown:

@@ -6,19 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from fl3d.core.errors import ConfigError, DataError
 from fl3d.data.label_table import NAMES, LabelTable, read_table
 from fl3d.evaluation.average_precision import Comparison, compare
-from fl3d.evaluation.folders import result_ids
+from fl3d.evaluation.frames import MISSING as MISSING_OF_ONE
+from fl3d.evaluation.frames import Choice, choose_frames, read_results
 from fl3d.evaluation.protocol import Protocol
 from fl3d.runs.units import Units, units_of_frames
 
 UNKNOWN = -999.0  # metres: KITTI writes -1000 where there is no 3D box
 SHOWN = 3  # frames that are named where folders differ
 VIEWS = {"3d": "3D", "bev": "bird's-eye", "image": "2D"}
-MISSING = ("error", "skip", "empty")
+MISSING = ("error", *MISSING_OF_ONE)
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,7 @@ def hold(
     labels: Path,
     detectors: Sequence[Detector],
     protocol: Protocol,
-    ids: Sequence[str] | None = None,
+    split: Path | None = None,
     missing: str = "error",
     mapping: Path | None = None,
 ) -> Held:
@@ -168,7 +167,7 @@ def hold(
         labels: folder of label files.
         detectors: at least two, of different names.
         protocol: overlaps and variant; results are taken as they are, neither cut nor suppressed.
-        ids: frames to compare on; None: those that have a result file.
+        split: file that names the frames to compare on; None: those that any folder has a result file of.
         missing: what becomes of a frame that a folder has no file of: ``error``; ``skip``, it is left out for all;
             ``empty``, nothing was found in it.
         mapping: folder of KITTI's mapping of frames to drives; None: ``mapping`` beside ``training``, if it is there.
@@ -183,16 +182,17 @@ def hold(
         raise ConfigError(f"two detectors are named '{twice[0]}'; name them apart: NAME=FOLDER")
     if len(names) < 2:
         raise ConfigError("a comparison needs two detectors at least")
-    if not labels.is_dir():
-        raise DataError("no such folder of labels", labels)
-    present = {
-        folder: set(result_ids(folder, labels)) for one in detectors for folder in one.folders
+    of_folders = {
+        folder: choose_frames(labels, folder, split, "empty")
+        for one in detectors
+        for folder in one.folders
     }
-    frames, notes = _frames(present, ids, missing)
+    frames, notes = _frames(of_folders, split is None, missing)
     gt = read_table(labels, frames, scored=False)
     runs = {
         one.name: tuple(
-            compare(gt, _read(folder, frames, present[folder]), protocol) for folder in one.folders
+            compare(gt, _read(folder, frames, of_folders[folder]), protocol)
+            for folder in one.folders
         )
         for one in detectors
     }
@@ -204,12 +204,19 @@ def hold(
 
 
 def _frames(
-    present: Mapping[Path, set[str]], ids: Sequence[str] | None, missing: str
+    of_folders: Mapping[Path, Choice], is_free: bool, missing: str
 ) -> tuple[list[str], tuple[str, ...]]:
-    """Frames that are compared on, and what there is to be said of the choice."""
-    wanted = set().union(*present.values()) if ids is None else set(ids)
-    if not wanted:
-        raise DataError("holds no frame", "the split")
+    """Frames that are compared on, and what there is to be said of the choice.
+
+    Args:
+        of_folders: frames of each, those without a file among them.
+        is_free: whether no split names the frames: they are those that any folder has a file of.
+        missing: see ``hold``.
+    """
+    present = {folder: set(own.ids) - own.missing for folder, own in of_folders.items()}
+    wanted = set().union(*present.values())
+    if not is_free:
+        wanted = set().union(*(own.ids for own in of_folders.values()))
     lacking = {folder: sorted(wanted - own) for folder, own in present.items()}
     lacking = {folder: frames for folder, frames in lacking.items() if frames}
     if not lacking:
@@ -239,12 +246,7 @@ def _listed(frames: Sequence[str]) -> str:
     return f"{len(frames)} ({', '.join(frames[:SHOWN])}{more})"
 
 
-def _read(folder: Path, ids: Sequence[str], present: set[str]) -> LabelTable:
+def _read(folder: Path, ids: Sequence[str], own: Choice) -> LabelTable:
     """Results of frames; nothing in those without a file."""
-    own = [frame_id for frame_id in ids if frame_id in present]
-    table = read_table(folder, own, scored=True)
-    if len(own) == len(ids):
-        return table
-    counts = dict(zip(own, np.diff(table.offsets), strict=True))
-    sizes = [counts.get(frame_id, 0) for frame_id in ids]
-    return replace(table, offsets=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64))
+    present = set(own.ids) - own.missing
+    return read_results(folder, replace(own, ids=tuple(ids), missing=frozenset(ids) - present))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import math
 import shlex
+import sys
 from pathlib import Path
 
 from fl3d.analysis.compare import MARGIN, compare_detectors
@@ -14,17 +16,18 @@ from fl3d.analysis.surroundings import Surroundings
 from fl3d.commands.words import parser
 from fl3d.config.compose import CONF, compose_config
 from fl3d.config.settings import read_settings
-from fl3d.core.errors import ConfigError
-from fl3d.data.splits import read_split
+from fl3d.core.errors import ConfigError, Fl3dError
 from fl3d.evaluation.protocol import Protocol
 
+FAILED = 2  # exit code of a mistake, as argparse has it
 PROTOCOLS = sorted(path.stem for path in (CONF / "protocol").glob("*.yaml"))
 DESCRIPTION = """\
 Say whether a detector is better than another, by KITTI result files (one NNNNNN.txt a frame) that any code wrote.
 
-It prints the AP of each by KITTI's official rules, its gain over the baseline with intervals that hold for all gains
-at once, and, from three runs of training on, a verdict: better, worse, equivalent within a margin, or undecided and
-about how many more runs would tell. One run of each says nothing about another training: no verdict.
+It prints the AP of each by KITTI's official rules, its gain over the baseline with intervals that hold for all
+detectors at once, and, from three runs of training on, a verdict: better, worse, equivalent within a margin, or
+undecided and about how many more runs would tell. One run of each says nothing about another training: no verdict.
+All folders must be of the same frames; results are taken as they are, neither cut nor suppressed.
 """
 EXAMPLES = """\
 examples:
@@ -39,6 +42,14 @@ beside `training`, or --mapping names it, drives are resampled instead of frames
 
 def run(arguments: list[str]) -> None:
     """Compare detectors by folders of KITTI result files, whoever wrote them."""
+    try:
+        _compare(arguments)
+    except Fl3dError as error:
+        print(f"fl3d: {error}", file=sys.stderr)
+        sys.exit(FAILED)
+
+
+def _compare(arguments: list[str]) -> None:
     given = _parser().parse_args(arguments)
     detectors = read_detectors(given.detectors)
     surroundings = Surroundings(
@@ -52,7 +63,7 @@ def run(arguments: list[str]) -> None:
         given.labels,
         detectors,
         _protocol(given.protocol),
-        ids=None if given.split is None else read_split(given.split),
+        split=given.split,
         missing=given.missing,
         mapping=given.mapping,
     )
@@ -63,8 +74,11 @@ def run(arguments: list[str]) -> None:
     print(text_of(compared))
     if given.out is not None:
         command = shlex.join(["python", "-m", "fl3d", "compare", *arguments])
-        for path in write_comparison(compared, given.out, surroundings, command):
-            print(f"Written to {path}.")
+        try:
+            written = write_comparison(compared, given.out, surroundings, command)
+        except OSError as error:
+            raise ConfigError(f"--out {given.out}: cannot be written ({error.strerror})") from None
+        print(f"\nWritten to {written[0]}, with tables and figures beside it.")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -105,7 +119,7 @@ def _parser() -> argparse.ArgumentParser:
         help="overlaps and variant (default: kitti)",
     )
     options.add_argument(
-        "--margin", type=float, default=MARGIN, metavar="AP", help="gains below it do not matter"
+        "--margin", type=_margin, default=MARGIN, metavar="AP", help="gains below it do not matter"
     )
     options.add_argument(
         "--mapping", type=Path, metavar="FOLDER", help="KITTI's mapping of frames to drives"
@@ -133,6 +147,16 @@ def _parser() -> argparse.ArgumentParser:
 
 def _protocol(name: str) -> Protocol:
     return read_settings(compose_config([f"protocol={name}", "profile=paper"])).protocol
+
+
+def _margin(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number of AP above 0")
+    return value
 
 
 def _listed(text: str) -> list[str]:

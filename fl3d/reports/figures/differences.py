@@ -43,7 +43,7 @@ def draw_found_by_part(data: pd.DataFrame, names: Sequence[str], path: Path) -> 
     """
 
     def panel(axes: Axes, by: str) -> None:
-        own = data[data["by"] == by]
+        own = data[(data["by"] == by) & (data["n_gt"] > 0)]
         bins = list(dict.fromkeys(own["bin"]))
         looks = [look for look in shades(names) if look[0] in set(own["detector"])]
         shifts = np.linspace(-SPREAD / 2, SPREAD / 2, len(looks)) if len(looks) > 1 else [0.0]
