@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from fl3d.analysis.samples import (
 )
 from fl3d.analysis.verdicts import judge_group
 from fl3d.core.errors import ConfigError, options
+from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.bootstrap import N_RESAMPLES
 from fl3d.evaluation.intervals import Interval, Sample, interval, joint_intervals
 from fl3d.evaluation.verdicts import FEWEST
@@ -238,10 +240,20 @@ def _verdict_rows(
     return [{**front, "level": name, **row} for name, row in judged.items()]
 
 
+def _are_alike(runs: Sequence[Comparison]) -> bool:
+    """Whether any two runs have found the same to the digit, and anything at all."""
+    return any(
+        len(a.det.types) > 0 and np.array_equal(a.det.values, b.det.values)
+        for a, b in combinations(runs, 2)
+    )
+
+
 def _notes(held: Held, baseline: str, classes: Sequence[str]) -> list[str]:
     """What is not compared, and which runs have no partner."""
     notes = [held.lacks(name, class_name) for name in held.names for class_name in classes]
     for name in held.names:
+        if _are_alike(held.runs[name]):
+            notes.append(f"Runs of {name} have the same detections: they are no runs of their own.")
         own, base = len(held.runs[name]), len(held.runs[baseline])
         if own != base:
             shared = f"the first {min(own, base)} of each are paired"

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from fl3d.analysis.detectors import Detector
 from fl3d.core.errors import ConfigError, DataError
 from fl3d.data.label_table import NAMES, LabelTable, read_table
 from fl3d.evaluation.average_precision import Comparison, compare
@@ -18,19 +19,6 @@ UNKNOWN = -999.0  # metres: KITTI writes -1000 where there is no 3D box
 SHOWN = 3  # frames that are named where folders differ
 VIEWS = {"3d": "3D", "bev": "bird's-eye", "image": "2D"}
 MISSING = ("error", *MISSING_OF_ONE)
-
-
-@dataclass(frozen=True)
-class Detector:
-    """A detector, as it stands in a comparison.
-
-    Args:
-        name: for people.
-        folders: of result files, one for each run of its training.
-    """
-
-    name: str
-    folders: tuple[Path, ...]
 
 
 @dataclass(frozen=True)
@@ -87,62 +75,6 @@ class Held:
         return f"{name} has no {' and no '.join(lacking)} boxes of {class_name}: no AP and no gain there."
 
 
-def read_detectors(words: Sequence[str]) -> list[Detector]:
-    """Detectors as a user names them: ``NAME=FOLDER``, ``NAME=RUN1,RUN2,RUN3``, or a folder alone.
-
-    A folder alone has its own name; where several share that, the first folder above in which they differ goes with it.
-
-    Raises:
-        ConfigError: several runs without a name, or a name or folder that is empty.
-    """
-    found = []
-    alone = [Path(word) for word in words if _is_folder(word)]
-    names = _names(alone)
-    for word in words:
-        if _is_folder(word):
-            found.append(Detector(names[Path(word)], (Path(word),)))
-            continue
-        name, is_named, rest = word.partition("=")
-        if not is_named or not name.strip():
-            raise ConfigError(
-                f"'{word}': several runs of a detector need its name: NAME={word.lstrip('=')}"
-            )
-        folders = [part.strip() for part in rest.split(",")]
-        if not all(folders):
-            raise ConfigError(
-                f"'{word}': a folder is empty; write NAME=FOLDER or NAME=RUN1,RUN2,RUN3"
-            )
-        found.append(Detector(name.strip(), tuple(map(Path, folders))))
-    return found
-
-
-def _is_folder(word: str) -> bool:
-    """Whether a word is a folder and nothing else; one that is there may hold any letters."""
-    return Path(word).is_dir() or not ("=" in word or "," in word)
-
-
-def _names(folders: Sequence[Path]) -> dict[Path, str]:
-    """A name for each folder: the last part of its path, with parts before it until all differ.
-
-    Parts at the end that all share say nothing: ``a/data`` and ``b/data`` are ``a`` and ``b``.
-    """
-    parts = {folder: list(folder.resolve().parts) for folder in folders}
-    while (
-        len(folders) > 1 and len({own[-1] for own in parts.values()}) == 1 and _can_shorten(parts)
-    ):
-        parts = {folder: own[:-1] for folder, own in parts.items()}
-    depth = 1
-    while len({tuple(own[-depth:]) for own in parts.values()}) < len(folders):
-        if depth > max(map(len, parts.values())):
-            break
-        depth += 1
-    return {folder: "/".join(own[-depth:]) for folder, own in parts.items()}
-
-
-def _can_shorten(parts: Mapping[Path, list[str]]) -> bool:
-    return all(len(own) > 2 for own in parts.values())
-
-
 def metrics_of(det: LabelTable, class_name: str) -> tuple[str, ...]:
     """Metrics for which there are boxes of a class: in the picture, from above, in space; none without detections."""
     boxes = det.values[det.types == NAMES.index(class_name.lower())]
@@ -180,6 +112,8 @@ def hold(
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ConfigError(f"two detectors are named '{twice[0]}'; name them apart: NAME=FOLDER")
+    for one in detectors:
+        _refuse_twice(one)
     if len(names) < 2:
         raise ConfigError("a comparison needs two detectors at least")
     of_folders = {
@@ -201,6 +135,16 @@ def hold(
         raise DataError("no such folder of KITTI's mapping of frames to drives", mapping)
     units = units_of_frames(frames, folder, "--mapping")
     return Held(tuple(frames), tuple(detectors), runs, protocol, units, notes)
+
+
+def _refuse_twice(detector: Detector) -> None:
+    """A folder that stands for two runs would make a detector surer than it is."""
+    places = [folder.resolve() for folder in detector.folders]
+    twice = [
+        f for f, place in zip(detector.folders, places, strict=True) if places.count(place) > 1
+    ]
+    if twice:
+        raise ConfigError(f"{detector.name}: {twice[0]} stands for two of its runs")
 
 
 def _frames(

@@ -11,7 +11,8 @@ from pathlib import Path
 from fl3d.analysis.compare import MARGIN, compare_detectors
 from fl3d.analysis.compare_page import write_comparison
 from fl3d.analysis.compare_tables import text_of
-from fl3d.analysis.result_folders import MISSING, hold, read_detectors
+from fl3d.analysis.detectors import read_detectors
+from fl3d.analysis.result_folders import MISSING, hold
 from fl3d.analysis.surroundings import Surroundings
 from fl3d.commands.words import parser
 from fl3d.config.compose import CONF, compose_config

@@ -70,14 +70,13 @@ def to_text(table: Table) -> str:
         ]
         for row in [rows[0], rule, *rows[1:]]
     ]
-    told = [_sentence(table), *table.notes]
-    wrapped = [textwrap.fill(text, TEXT_LETTERS, break_on_hyphens=False) for text in told]
-    return (
-        "\n".join(
-            [wrapped[0], "", *map(_line, lines), *(["", *wrapped[1:]] if table.notes else [])]
-        )
-        + "\n"
-    )
+    notes = ["", *map(wrapped, table.notes)] if table.notes else []
+    return "\n".join([wrapped(_sentence(table)), "", *map(_line, lines), *notes]) + "\n"
+
+
+def wrapped(text: str) -> str:
+    """A sentence in lines of a terminal."""
+    return textwrap.fill(text, TEXT_LETTERS, break_on_hyphens=False)
 
 
 def _line(cells: list[str]) -> str:

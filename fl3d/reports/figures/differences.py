@@ -158,7 +158,7 @@ def _draw(axes: Axes, one: Seen, side: float, ahead: float) -> None:
     layers: tuple[tuple[str, Array, Any], ...] = (
         ("not counted", one.gt_cam[one.found < 0], {"color": GREY, "lw": 0.6}),
         ("", one.det_cam[others], {"color": GREY, "lw": 0.6, "ls": ":"}),
-        ("object, found", one.gt_cam[one.found == 1], {"color": PURPLE, "lw": 1.2}),
+        ("object, found", one.gt_cam[one.found == 1], {"color": PURPLE, "lw": 2.4, "alpha": 0.45}),
         ("object, missed", one.gt_cam[one.found == 0], {"color": PURPLE, "lw": 1.2, "ls": (0, (2, 1.2))}),
         ("detection", one.det_cam[one.hit], {"color": BLUE, "lw": 0.9}),
         ("false alarm", one.det_cam[one.alarm], {"color": ORANGE, "lw": 1.2}),
