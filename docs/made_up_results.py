@@ -1,6 +1,6 @@
 """Write result files of a detector that does not exist: the labels, moved about. For trying `compare`.
 
-python docs/made_up_results.py LABELS OUT --error 0.3 --seed 0
+python docs/made_up_results.py LABELS RUN0 RUN1 RUN2 --error 0.3
 """
 
 import argparse
@@ -12,24 +12,24 @@ from fl3d.data.labels import Labels, read_labels, write_labels
 
 SEES = 60.0  # metres: the share of cars that are found falls to 0 towards it
 ALARMS = 0.5  # false alarms a frame, on average
+SPREAD = 0.1  # no two trainings end alike: standard deviation of a run's error, as a share
 CAR = (1.5, 1.6, 3.9)  # metres: height, width, length of a false alarm
 
 
 def main() -> None:
-    """Write a result file for each label file."""
+    """Write a result file for each label file, in a folder for each run."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("labels", type=Path, help="folder of label files")
-    options.add_argument("out", type=Path, help="folder of result files")
-    options.add_argument(
-        "--error", type=float, default=0.3, help="how far boxes are off at 30 m, metres"
-    )
-    options.add_argument("--seed", type=int, default=0, help="of the run")
+    options.add_argument("out", type=Path, nargs="+", help="folder of results, one for each run")
+    options.add_argument("--error", type=float, default=0.3, help="of boxes at 30 m, metres")
+    options.add_argument("--seed", type=int, default=0, help="of the first run")
     given = options.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng(given.seed)
-    worse = rng.normal(1.0, 0.05)  # no two trainings end alike
-    for path in sorted(given.labels.glob("*.txt")):
-        write_labels(given.out / path.name, detect(read_labels(path), given.error * worse, rng))
+    for seed, folder in enumerate(given.out, start=given.seed):
+        folder.mkdir(parents=True, exist_ok=True)
+        rng = np.random.default_rng(seed)
+        error = given.error * rng.normal(1.0, SPREAD)
+        for path in sorted(given.labels.glob("*.txt")):
+            write_labels(folder / path.name, detect(read_labels(path), error, rng))
 
 
 def detect(labels: Labels, error: float, rng: np.random.Generator) -> Labels:
@@ -40,6 +40,7 @@ def detect(labels: Labels, error: float, rng: np.random.Generator) -> Labels:
     far = np.hypot(found.boxes_cam[:, 0], found.boxes_cam[:, 2]) / SEES
     boxes = found.boxes_cam.copy()
     boxes[:, [0, 2]] += rng.normal(size=(len(found), 2)) * error * far[:, None] * 2
+    boxes[:, 3:6] *= rng.normal(1, 0.1 * error, size=(len(found), 3))
     scores = np.clip(rng.normal(1 - far, 0.15), 0.01, 0.99)
     return joined_results(found, boxes, scores, rng)
 

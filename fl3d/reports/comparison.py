@@ -65,7 +65,7 @@ def verdict_table(verdicts: pd.DataFrame, class_name: str, shown: Shown) -> Tabl
     own = verdicts[verdicts["group"] == class_name].to_dict("records")
     rows = [_verdict_row(row, shown.margin) for row in own]
     metric = metric_text(str(own[0]["metric"]))
-    caption = f"{class_name}, {metric}: verdicts on detectors against {shown.baseline}"
+    caption = f"{class_name}, {metric}: each detector against {shown.baseline}"
     has_verdict = any(row["seeds"] >= FEWEST for row in own)
     legend = AT_ONCE + (f". {VERDICTS.format(margin=shown.margin)}" if has_verdict else "")
     told = [(row["level"], _word(row, shown.margin)) for row in own]

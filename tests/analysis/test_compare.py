@@ -212,7 +212,7 @@ def test_folders_that_cannot_be_compared_are_named(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="nothing: holds no file"):
         hold(labels, [a, Detector("c", (tmp_path / "nothing",))], protocol())
     others = write_results(tmp_path / "others", 25, n=25)
-    with pytest.raises(DataError, match="others: 5 of 25 .* without a label file"):
+    with pytest.raises(DataError, match=r"others: 5 of 25 .* without a label file"):
         hold(labels, [a, Detector("c", (others,))], protocol())
 
 

@@ -1,4 +1,4 @@
-"""Real results on KITTI's validation split: each AP of a comparison is the known one, and what has no 3D box has none."""
+"""Real results on KITTI's validation split: each AP of a comparison is the known one, and no 3D box has no 3D AP."""
 
 import csv
 import zipfile
