@@ -38,7 +38,7 @@ PARTS = (
 )
 FRAMES = (
     "Frames in which {other} finds {more} than {baseline}, false alarms taken off; both cut at {alarms:g} false alarms "
-    "a frame. The stroke in a box points to its front."
+    "a frame. Above each: {baseline} → {other}. The stroke in a box points to its front."
 )
 
 
