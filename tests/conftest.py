@@ -39,7 +39,7 @@ def eval_cases() -> Path:
 
 @pytest.fixture(scope="session")
 def odd_inputs() -> Path:
-    """What people bring that is nearly in KITTI's form: a folder a kind."""
+    """Small inputs as people bring them, one a folder: of other forms than KITTI's, or broken."""
     return _data("FL3D_ODD_INPUTS", "../shared/odd")
 
 

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from fl3d.analysis.compare import Compared
 from fl3d.core.errors import DataMissing
-from fl3d.data.calibration import read_calibration
-from fl3d.data.kitti import read_cloud
+from fl3d.data.calibration_files import read_calibration
+from fl3d.data.clouds import find_cloud, read_cloud
+from fl3d.data.pictures import find_picture, read_picture
 from fl3d.evaluation.at_score import AtScore
 from fl3d.geometry.boxes import count_points_inside
 from fl3d.reports.figures.differences import Seen
-
-BEHIND = 0.0  # metres: points behind the camera are not drawn
 
 
 @dataclass(frozen=True)
@@ -25,9 +24,9 @@ class Surroundings:
     """Where clouds and pictures lie.
 
     Args:
-        clouds: folder of ``<frame>.bin``, or None.
+        clouds: folder of ``<frame>.bin``, ``.npy`` or ``.pcd``, or None.
         calib: folder of ``<frame>.txt``, for clouds.
-        pictures: folder of ``<frame>.png``, or None.
+        pictures: folder of ``<frame>.png``, ``.jpg`` or ``.jpeg``, or None.
     """
 
     clouds: Path | None = None
@@ -44,20 +43,11 @@ class Surroundings:
             raise DataMissing("no such folder of pictures", self.pictures)
         if self.clouds is None:
             return
-        for folder, kind, ending in (
-            (self.clouds, "clouds", "bin"),
-            (self.calib, "calibrations", "txt"),
-        ):
-            if folder is None or not folder.is_dir():
-                raise DataMissing(
-                    f"no such folder of {kind}", folder or f"no --calib for {self.clouds}"
-                )
-            lacking = [i for i in ids if not (folder / f"{i}.{ending}").is_file()]
-            if lacking:
-                raise DataMissing(
-                    f"no such file; {len(lacking)} of {len(ids)} frames have no {kind} here",
-                    folder / f"{lacking[0]}.{ending}",
-                )
+        if self.calib is None:
+            raise DataMissing("these clouds need calibrations: --calib FOLDER", self.clouds)
+        calib = self.calib
+        _check(self.clouds, "clouds", [find_cloud(self.clouds, one) for one in ids])
+        _check(calib, "calibrations", [calib / f"{one}.txt" for one in ids])
 
     def points_on_objects(self, compared: Compared) -> NDArray[np.int64] | None:
         """LiDAR points within each ground truth: (G,); None without clouds."""
@@ -69,7 +59,7 @@ class Surroundings:
             start, end = gt.offsets[place : place + 2]
             calibration = read_calibration(self.calib / f"{frame_id}.txt")
             boxes = calibration.boxes_to_velo(gt.boxes_cam[start:end])
-            cloud = read_cloud(self.clouds / f"{frame_id}.bin")
+            cloud = read_cloud(find_cloud(self.clouds, frame_id)).points_velo
             counts[start:end] = count_points_inside(cloud, boxes)
         return counts
 
@@ -101,15 +91,22 @@ class Surroundings:
         if self.clouds is None or self.calib is None:
             return None
         calibration = read_calibration(self.calib / f"{frame_id}.txt")
-        points = calibration.points_to_cam(read_cloud(self.clouds / f"{frame_id}.bin")[:, :3])
-        return points[points[:, 2] > BEHIND]
+        cloud = read_cloud(find_cloud(self.clouds, frame_id))
+        return calibration.points_to_cam(cloud.points_velo[:, :3])
 
     def _image(self, frame_id: str) -> NDArray[np.uint8] | None:
-        path = None if self.pictures is None else self.pictures / f"{frame_id}.png"
-        if path is None or not path.is_file():
-            return None
-        with Image.open(path) as image:
-            return np.asarray(image.convert("RGB"))
+        path = None if self.pictures is None else find_picture(self.pictures, frame_id)
+        return None if path is None else read_picture(path)
+
+
+def _check(folder: Path, kind: str, paths: Sequence[Path]) -> None:
+    if not folder.is_dir():
+        raise DataMissing(f"no such folder of {kind}", folder)
+    lacking = [path for path in paths if not path.is_file()]
+    if lacking:
+        raise DataMissing(
+            f"no such file; {len(lacking)} of {len(paths)} frames have no {kind} here", lacking[0]
+        )
 
 
 def _is_body(boxes_cam: NDArray[np.float64]) -> NDArray[np.bool_]:

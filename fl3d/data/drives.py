@@ -47,7 +47,7 @@ def read_drives(folder: Path, ids: Sequence[str]) -> list[str]:
 def _numbers(path: Path) -> list[int]:
     if not path.is_file():
         raise DataError("no such file; it belongs to KITTI's object development kit", path)
-    words = path.read_text().replace(",", " ").split()
+    words = " ".join(read_lines(path)).replace(",", " ").split()
     wrong = [word for word in words if not word.isdigit()]
     if wrong:
         raise DataError(f"'{wrong[0]}' is not a line number", path)

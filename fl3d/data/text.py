@@ -35,6 +35,18 @@ def unreadable(path: Path, error: OSError) -> DataError:
     return DataError(f"cannot be read ({error.strerror or error})", path)
 
 
+def is_there(path: Path) -> bool:
+    """Whether a file or folder is there.
+
+    Raises:
+        DataError: the system does not let it be known.
+    """
+    try:
+        return path.exists()
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
 def text_bytes(raw: bytes, path: Path | str) -> bytes:
     """A text file's bytes without a byte order mark.
 
@@ -62,7 +74,8 @@ def read_lines(path: Path) -> list[str]:
         raise DataError(
             f"is not a text file of UTF-8 ({error.reason} at byte {error.start})", path
         ) from None
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return lines if lines[-1] else lines[:-1]  # behind the last line's end there is none
 
 
 def finite(text: str, field: str, path: Path, line: int) -> float:

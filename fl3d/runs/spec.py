@@ -70,9 +70,7 @@ class Spec:
         Args:
             root: where they lie now; None: where they lay when the stage was started.
         """
-        return KittiFolder(
-            root or self.machine.data_root, self.settings.crop, self.settings.calibration
-        )
+        return self.settings.folder(root or self.machine.data_root)
 
 
 def write_spec(folder: RunFolder, spec: Spec) -> None:

@@ -27,11 +27,20 @@ RESULT = (
     "schedule.stages.*",
     "data.crop",
     "data.calibration",
+    "data.cloud.*",
+    "data.image_size",
     "detections.*",
     "seed",
     "precision",
     "compile",
 )
+# Of these, keys that came when results were there already: they enter where they are not what all had before.
+USUAL = {
+    "data.cloud.columns": None,
+    "data.cloud.dtype": None,
+    "data.cloud.reflectance_scale": 1,
+    "data.image_size": None,
+}
 # Keys that cannot. The frames themselves enter through the data's digest; scores carry their protocol's identity.
 BOOKKEEPING = (
     "data.name",
@@ -76,7 +85,7 @@ def result_config(config: Config) -> Config:
     """The part of a config that can change a result."""
     kept: Config = {}
     for key, value in leaves(config):
-        if matches(key, RESULT):
+        if matches(key, RESULT) and not (key in USUAL and value == USUAL[key]):
             node = kept
             *parents, last = key.split(".")
             for part in parents:

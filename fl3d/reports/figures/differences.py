@@ -105,8 +105,8 @@ def frames_from_above(
     heights = ([0.3, 1.0] if has_pictures else [1.0]) * len(names)
     per = len(heights) // len(names)
     width = 2 * COLUMN
-    side, ahead = _extent([one for _, row in frames for one in row])
-    tall = width / len(frames) * ahead / (2 * side) * 0.95
+    side, behind, ahead = _extent([one for _, row in frames for one in row])
+    tall = width / len(frames) * (ahead - behind) / (2 * side) * 0.95
     with plt.rc_context(STYLE):
         figure, grid = plt.subplots(
             len(heights),
@@ -120,7 +120,8 @@ def frames_from_above(
             grid[0, column].set_title(title, fontsize=7)
             for number, (name, one) in enumerate(zip(names, row, strict=True)):
                 below = grid[per * number + per - 1, column]
-                _draw(below, one, side, ahead)
+                _draw(below, one)
+                below.set(xlim=(-side, side), ylim=(behind, ahead), aspect="equal")
                 if has_pictures:
                     _picture(grid[per * number, column], one)
                 if column == 0:
@@ -138,19 +139,22 @@ def frames_from_above(
         return save(figure, path)
 
 
-def _extent(seen: Sequence[Seen]) -> tuple[float, float]:
-    """How far to either side and ahead the drawings reach."""
+def _extent(seen: Sequence[Seen]) -> tuple[float, float, float]:
+    """How far to either side the drawings reach, and from where behind the camera to where ahead of it."""
     boxes = [one.gt_cam[one.found >= 0] for one in seen]
     boxes += [one.det_cam[one.hit | one.alarm] for one in seen]
     every = np.concatenate(boxes) if boxes else np.zeros((0, 7))
     if not len(every):
-        return ASIDE, AHEAD
+        return ASIDE, 0.0, AHEAD
     side = max(ASIDE, float(np.abs(every[:, 0]).max()) + MARGIN)
     ahead = max(AHEAD, float(every[:, 2].max()) + MARGIN)
-    return max(side, NARROWEST * ahead / 2), max(ahead, 2 * side / WIDEST)
+    nearest = float(every[:, 2].min())
+    behind = nearest - MARGIN if nearest < 0 else 0.0
+    height = max(ahead - behind, 2 * side / WIDEST)
+    return max(side, NARROWEST * height / 2), behind, behind + height
 
 
-def _draw(axes: Axes, one: Seen, side: float, ahead: float) -> None:
+def _draw(axes: Axes, one: Seen) -> None:
     if one.points_cam is not None:
         x, z = one.points_cam[:, 0], one.points_cam[:, 2]
         axes.scatter(x, z, s=0.1, c="0.75", linewidths=0, rasterized=True)
@@ -168,7 +172,6 @@ def _draw(axes: Axes, one: Seen, side: float, ahead: float) -> None:
             axes.plot([], [], label=label, **look)
         for outline in _outlines(boxes):
             axes.plot(*outline.T, **look)
-    axes.set(xlim=(-side, side), ylim=(0, ahead), aspect="equal")
 
 
 def _outlines(boxes_cam: Array) -> Array:
