@@ -108,7 +108,7 @@ def compare_detectors(
         drawn = _draw(held, name, n_resamples)
         cells += _cell_rows(held, base, name, drawn)
         verdicts += _verdict_rows(held, base, name, drawn, margin)
-    notes = (*held.notes, *_notes(held, base, chosen))
+    notes = (*held.notes, *_notes(held, base, chosen, classes))
     return Compared(held, base, chosen, pd.DataFrame(cells), pd.DataFrame(verdicts), margin, notes)
 
 
@@ -127,14 +127,21 @@ def _classes(held: Held, baseline: str, asked: Sequence[str]) -> tuple[str, ...]
             possible = options(name, known.values())
             raise ConfigError(f"--classes {name}: no class of the protocol. {possible}")
     chosen = [known[name.lower()] for name in asked] or list(known.values())
-    found = [name for name in dict.fromkeys(chosen) if primary_view(held, baseline, name)]
+    found = [name for name in dict.fromkeys(chosen) if not _why_not(held, baseline, name)]
     if not found:
-        lacking = [held.lacks(one, name) for one in held.names for name in chosen]
-        raise ConfigError(
-            f"nothing to compare: {baseline} shares no class and kind of box with another detector. "
-            + " ".join(note for note in lacking if note)
-        )
+        reasons = [_why_not(held, baseline, name) for name in dict.fromkeys(chosen)]
+        raise ConfigError(f"nothing to compare. {' '.join(reasons)}")
     return tuple(found)
+
+
+def _why_not(held: Held, baseline: str, class_name: str) -> str:
+    """Why a class is not compared, as a sentence; or nothing."""
+    if not held.counts(class_name):
+        return f"{class_name} is not compared: no ground truth of it counts."
+    if primary_view(held, baseline, class_name):
+        return ""
+    lacking = [held.lacks(name, class_name) for name in held.names]
+    return f"{class_name} is not compared. {' '.join(one for one in lacking if one)}"
 
 
 def _cells(held: Held) -> list[Cell]:
@@ -248,7 +255,7 @@ def _are_alike(runs: Sequence[Comparison]) -> bool:
     )
 
 
-def _notes(held: Held, baseline: str, classes: Sequence[str]) -> list[str]:
+def _notes(held: Held, baseline: str, classes: Sequence[str], asked: Sequence[str]) -> list[str]:
     """What is not compared, and which runs have no partner."""
     notes = [held.lacks(name, class_name) for name in held.names for class_name in classes]
     for name in held.names:
@@ -258,8 +265,9 @@ def _notes(held: Held, baseline: str, classes: Sequence[str]) -> list[str]:
         if own != base:
             shared = f"the first {min(own, base)} of each are paired"
             notes.append(f"{name} has {own} runs and {baseline} {base}: {shared}.")
+    wanted = {name.lower() for name in asked}
     for class_name in held.protocol.overlaps:
-        having = [name for name in held.names if held.metrics(name, class_name)]
-        if having and class_name not in classes:
-            notes.append(f"{class_name} is not compared: detected by {', '.join(having)} alone.")
+        is_detected = any(held.metrics(name, class_name) for name in held.names)
+        if class_name not in classes and (is_detected or class_name.lower() in wanted):
+            notes.append(_why_not(held, baseline, class_name))
     return [note for note in notes if note]

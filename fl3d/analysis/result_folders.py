@@ -12,7 +12,7 @@ from fl3d.data.label_table import NAMES, LabelTable, read_table
 from fl3d.evaluation.average_precision import Comparison, compare
 from fl3d.evaluation.frames import MISSING as MISSING_OF_ONE
 from fl3d.evaluation.frames import Choice, choose_frames, read_results
-from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
 from fl3d.runs.units import Units, units_of_frames
 
 UNKNOWN = -999.0  # metres: KITTI writes -1000 where there is no 3D box
@@ -56,17 +56,26 @@ class Held:
             return ()
         return tuple(m for m in self.protocol.metrics if all(m in have for have in own))
 
+    def counts(self, class_name: str) -> bool:
+        """Whether any ground truth of a class counts."""
+        any_run = next(iter(self.runs.values()))[0]
+        of_gt, _, _ = any_run.flags(class_name, self.protocol.metrics[-1], DIFFICULTIES[-1])
+        return bool((of_gt == 0).any())
+
+    def _folders(self, name: str) -> tuple[Path, ...]:
+        return next(one.folders for one in self.detectors if one.name == name)
+
     def lacks(self, name: str, class_name: str) -> str:
         """Of which of the protocol's metrics a detector has no boxes of a class, and why, as a sentence; or nothing."""
-        own, have = (
-            self.metrics(name, class_name),
-            [metrics_of(one.det, class_name) for one in self.runs[name]],
-        )
+        own = self.metrics(name, class_name)
+        have = [metrics_of(one.det, class_name) for one in self.runs[name]]
         lacking = [VIEWS[metric] for metric in self.protocol.metrics if metric not in own]
         if not lacking:
             return ""
         if not all(have):
-            return f"{name} has no detection of {class_name}: no AP and no gain."
+            empty = [run for run, one in zip(self._folders(name), have, strict=True) if not one]
+            where = "" if len(empty) == len(have) else f" in {', '.join(map(str, empty))}"
+            return f"{name} has no detection of {class_name}{where}: no AP and no gain."
         if not own:
             return (
                 f"{name} has no 2D boxes of {class_name}, and protocol {self.protocol.name} goes by their heights: "

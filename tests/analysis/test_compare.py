@@ -115,6 +115,12 @@ def test_copied_runs_are_told(tmp_path: Path) -> None:
     assert found.notes == ("Runs of b have the same detections: they are no runs of their own.",)
 
 
+def test_a_run_that_finds_nothing_is_named(tmp_path: Path) -> None:
+    a, b = runs(tmp_path, "a", [10, 10, 10]), runs(tmp_path, "b", [20, 0, 20])
+    with pytest.raises(ConfigError, match=r"b has no detection of Car in \S+/b1: no AP"):
+        compared(write_labels_of(tmp_path), a, b)
+
+
 def test_2d_boxes_alone_have_no_3d_gain_and_it_is_said(tmp_path: Path) -> None:
     whole = runs(tmp_path, "whole", [10])
     flat = Detector("flat", (write_results(tmp_path / "flat", 20, lambda _: FLAT),))
@@ -152,9 +158,17 @@ def test_a_class_that_one_alone_detects_is_not_compared(tmp_path: Path) -> None:
     cars, other = runs(tmp_path, "cars", [10]), Detector("both", (both,))
     found = compared(labels, cars, other)
     assert found.classes == ("Car",)
-    assert found.notes == ("Pedestrian is not compared: detected by both alone.",)
-    with pytest.raises(ConfigError, match="cars has no detection of Pedestrian"):
+    assert "no ground truth of it counts" in found.notes[0]
+    with pytest.raises(ConfigError, match="Pedestrian is not compared: no ground truth of it"):
         compared(labels, cars, other, classes=["Pedestrian"])
+    (labels / "000000.txt").write_text(f"{car()}\n{walker}\n")
+    found = compared(labels, cars, other)
+    alone = "Pedestrian is not compared. cars has no detection of Pedestrian: no AP and no gain."
+    assert (found.classes, found.notes) == (("Car",), (alone,))
+    with pytest.raises(ConfigError, match=f"nothing to compare. {alone}"):
+        compared(labels, cars, other, classes=["pedestrian"])
+    both = compared(labels, cars, other, classes=["Car", "pedestrian"])
+    assert both.notes == (alone,)
 
 
 def test_unknown_names_are_told_with_what_was_possible(tmp_path: Path) -> None:

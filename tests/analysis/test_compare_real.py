@@ -89,4 +89,5 @@ def test_2d_boxes_have_no_3d_gain(real: Compared) -> None:
     assert row(real, "2D", "image", "moderate", "R40")["gain"] > 0
     assert "2D" not in set(real.verdicts["level"])
     assert "2D has no bird's-eye and no 3D boxes of Car: no AP and no gain there." in real.notes
-    assert "Pedestrian is not compared: detected by monocular alone." in real.notes
+    of_cars = "has no detection of Pedestrian: no AP and no gain."
+    assert f"Pedestrian is not compared. Point-GNN {of_cars} 2D {of_cars}" in real.notes
