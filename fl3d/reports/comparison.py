@@ -63,8 +63,9 @@ def verdict_table(verdicts: pd.DataFrame, class_name: str, shown: Shown) -> Tabl
         Column("verdict", "verdict"),
     )
     own = verdicts[verdicts["group"] == class_name].to_dict("records")
-    rows = [_verdict_row(row, shown.margin) for row in own]
     metric = metric_text(str(own[0]["metric"]))
+    by_name = {str(row["level"]): _verdict_row(row, shown.margin) for row in own}
+    rows = [by_name.get(name) or _without_boxes(name, metric) for name in shown.names]
     caption = f"{class_name}, {metric}: each detector against {shown.baseline}"
     has_verdict = any(row["seeds"] >= FEWEST for row in own)
     legend = AT_ONCE + (f". {VERDICTS.format(margin=shown.margin)}" if has_verdict else "")
@@ -91,6 +92,11 @@ def _verdict_row(row: Row, margin: float) -> tuple[Cell, ...]:
         Cell("" if is_base else f"{row['gain']:+.2f} {ends}"),
         Cell(_short(_word(row, margin)), bold=Verdict(row["verdict"]).is_final),
     )
+
+
+def _without_boxes(name: str, metric: str) -> tuple[Cell, ...]:
+    view = metric.partition(" ")[0]
+    return Cell(name), *(Cell(NOTHING) for _ in range(3)), Cell(f"no {view} boxes")
 
 
 def _word(row: Row, margin: float) -> str:

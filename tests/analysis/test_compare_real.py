@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from fl3d.analysis.compare import Compared, compare_detectors
+from fl3d.analysis.compare_tables import text_of
 from fl3d.analysis.detectors import Detector
 from fl3d.analysis.result_folders import hold
 from fl3d.data.kitti import KittiFolder
@@ -88,6 +89,10 @@ def test_2d_boxes_have_no_3d_gain(real: Compared) -> None:
         assert np.isnan([found["ap"], found["gain"]]).all()
     assert row(real, "2D", "image", "moderate", "R40")["gain"] > 0
     assert "2D" not in set(real.verdicts["level"])
+    assert (
+        "| 2D        |    – | –                  | –                     | no 3D boxes"
+        in text_of(real)
+    )
     assert "2D has no bird's-eye and no 3D boxes of Car: no AP and no gain there." in real.notes
     of_cars = "has no detection of Pedestrian: no AP and no gain."
     assert f"Pedestrian is not compared. Point-GNN {of_cars} 2D {of_cars}" in real.notes
