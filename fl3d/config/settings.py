@@ -9,7 +9,7 @@ from typing import Any
 
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config
-from fl3d.data.clouds import CloudFormat
+from fl3d.data.cloud_forms import CloudFormat
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.pictures import checked_size
 from fl3d.evaluation.protocol import Protocol

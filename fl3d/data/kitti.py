@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from fl3d.core.errors import DataError, DataMissing, options
 from fl3d.data.calibration import AXES, MEAN, Calibration
 from fl3d.data.calibration_files import read_calibration
-from fl3d.data.clouds import Cloud, CloudFormat, find_cloud, read_cloud
+from fl3d.data.cloud_forms import CloudFormat
+from fl3d.data.clouds import Cloud, find_cloud, read_cloud
 from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
 from fl3d.data.labels import Labels, read_labels
 from fl3d.data.pictures import IMAGE_SIZE, find_picture, picture_size, size_without_picture

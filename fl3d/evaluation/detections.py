@@ -116,7 +116,7 @@ class Validation:
             return None
         counts = [np.zeros(0, dtype=np.int64)]
         for index, labels in enumerate(self.labels):
-            points = self.folder.frame(self.ids[index]).points_velo
+            points = self.folder.read_cloud(self.ids[index]).points_velo  # not cropped
             boxes = self.calibrations[index].boxes_to_velo(labels.boxes_cam)
             counts.append(count_points_inside(points, boxes))
         return np.concatenate(counts)

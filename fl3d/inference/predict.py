@@ -64,7 +64,7 @@ def predict(
         device: torch's name of it.
         pictures: whether to draw; without, no label is read.
         reading: how clouds are read where it is not as the checkpoint's were: ``columns``,
-            ``dtype`` and ``reflectance_scale``, see ``data.clouds.CloudFormat``, and
+            ``dtype`` and ``reflectance_scale``, see ``data.cloud_forms.CloudFormat``, and
             ``image_size`` of clouds without a picture.
         say: prints a line for the user.
 

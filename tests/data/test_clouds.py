@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fl3d.core.errors import ConfigError, DataError
-from fl3d.data.clouds import CloudFormat, find_cloud, read_cloud
+from fl3d.data.cloud_forms import CloudFormat
+from fl3d.data.clouds import find_cloud, read_cloud
 from fl3d.data.pcd import unpack_lzf
 
 Array = np.ndarray

@@ -10,7 +10,7 @@ from PIL import Image
 from fl3d.config.compose import compose_config
 from fl3d.config.settings import read_settings, read_stage_settings
 from fl3d.core.errors import ConfigError, DataError
-from fl3d.data.clouds import CloudFormat
+from fl3d.data.cloud_forms import CloudFormat
 from fl3d.data.kitti import KittiFolder
 from fl3d.sweep.identity import result_config
 

@@ -7,7 +7,7 @@ import pytest
 
 from fl3d.config.compose import compose_config
 from fl3d.core.errors import DataError
-from fl3d.data.clouds import CloudFormat
+from fl3d.data.cloud_forms import CloudFormat
 from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.label_table import OTHER, read_table
