@@ -139,7 +139,7 @@ def hold(
         )
         for one in detectors
     }
-    folder = labels.parent.parent / "mapping" if mapping is None else mapping
+    folder = labels.resolve().parent.parent / "mapping" if mapping is None else mapping
     if mapping is not None and not mapping.is_dir():
         raise DataError("no such folder of KITTI's mapping of frames to drives", mapping)
     units = units_of_frames(frames, folder, "--mapping")
@@ -180,8 +180,8 @@ def _frames(
     ]
     if missing == "error":
         raise ConfigError(
-            f"{'; '.join(told)}: --missing skip leaves them out for all detectors, --missing empty takes it that "
-            "nothing was found in them"
+            f"{'; '.join(told)}: --split FILE says on which frames to compare, --missing skip leaves these out for all "
+            "detectors, --missing empty takes it that nothing was found in them"
         )
     what = "left out for all" if missing == "skip" else "taken as frames in which nothing was found"
     notes = tuple(f"{one}: {what}." for one in told)

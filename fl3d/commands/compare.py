@@ -51,10 +51,10 @@ def run(arguments: list[str]) -> None:
 
 
 def _compare(arguments: list[str]) -> None:
-    given = _parser().parse_args(arguments)
+    given = _parser().parse_intermixed_args(arguments)
     detectors = read_detectors(given.detectors)
     surroundings = Surroundings(
-        given.clouds, given.calib or given.labels.parent / "calib", given.pictures
+        given.clouds, given.calib or given.labels.resolve().parent / "calib", given.pictures
     )
     if given.out is None and (given.clouds or given.pictures):
         raise ConfigError(

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from fl3d.reports.comparison import Shown, ap_table, gain_table, verdict_table
-from fl3d.reports.render import to_latex, to_markdown, to_text
+from fl3d.reports.render import to_latex, to_text
 from fl3d.reports.table import Cell, Column, Table
 
 SHOWN = Shown(("base", "other", "flat"), "base", 1.0, ("A note.",))
@@ -95,18 +95,11 @@ def test_text_is_markdown_with_columns_below_each_other() -> None:
     assert to_text(table) == (
         "Caption.\n\n| name  |   n |\n| ----- | --: |\n| x\\|y  |   1 |\n| **z** |  22 |\n"
     )
-    assert (
-        to_markdown(table).split()
-        == to_text(table)
-        .replace("----- | --:", "---|---:")
-        .replace("| ---|---: |", "|---|---:|")
-        .split()
-    )
 
 
 def test_latex_has_no_bare_special_letter() -> None:
     columns = (Column("a", r"\ { } ~ ^ _ % & # $"),)
-    line = to_latex(Table("t", "C", columns, ())).splitlines()[6]
+    line = to_latex(Table("t", "C", columns, ())).splitlines()[7]
     assert line == (
         r"\textbackslash{} \{ \} \textasciitilde{} \textasciicircum{} \_ \% \& \# \$ \\"
     )
