@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from fl3d.analysis.comparable import PRIMARY, comparable_classes, notes_on, primary_view
 from fl3d.analysis.gains import is_one_step
 from fl3d.analysis.result_folders import Held
 from fl3d.analysis.samples import (
@@ -22,17 +22,11 @@ from fl3d.analysis.samples import (
 )
 from fl3d.analysis.verdicts import judge_group
 from fl3d.core.errors import ConfigError, options
-from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.bootstrap import N_RESAMPLES
 from fl3d.evaluation.intervals import Interval, Sample, interval, joint_intervals
 from fl3d.evaluation.verdicts import FEWEST
 
 MARGIN = 1.0  # AP; as conf/config.yaml has it
-PRIMARY = (
-    "3d",
-    "bev",
-    "image",
-)  # the first that can be compared is what verdicts are about, moderate, R40
 Cell = tuple[str, str]  # metric and difficulty
 Key = tuple[str, Cell]  # of a detector
 # Of each detector and cell, by run: (2,) APs, and (R, 2) in the resamples.
@@ -101,47 +95,15 @@ def compare_detectors(
     base = held.names[0] if baseline is None else baseline
     if base not in held.names:
         raise ConfigError(f"--baseline {base}: no such detector. {options(base, held.names)}")
-    chosen = _classes(held, base, classes)
+    chosen = comparable_classes(held, base, classes)
     cells: list[dict[str, Any]] = []
     verdicts: list[dict[str, Any]] = []
     for name in chosen:
         drawn = _draw(held, name, n_resamples)
         cells += _cell_rows(held, base, name, drawn)
         verdicts += _verdict_rows(held, base, name, drawn, margin)
-    notes = (*held.notes, *_notes(held, base, chosen, classes))
+    notes = (*held.notes, *notes_on(held, base, chosen, classes))
     return Compared(held, base, chosen, pd.DataFrame(cells), pd.DataFrame(verdicts), margin, notes)
-
-
-def primary_view(held: Held, baseline: str, class_name: str) -> str | None:
-    """The first of 3D, BEV and 2D that the baseline and another detector have boxes for; None: there is none."""
-    own = held.metrics(baseline, class_name)
-    others = [held.metrics(name, class_name) for name in held.names if name != baseline]
-    return next((m for m in PRIMARY if m in own and any(m in other for other in others)), None)
-
-
-def _classes(held: Held, baseline: str, asked: Sequence[str]) -> tuple[str, ...]:
-    """Classes to compare, written as the protocol does."""
-    known = {name.lower(): name for name in held.protocol.overlaps}
-    for name in asked:
-        if name.lower() not in known:
-            possible = options(name, known.values())
-            raise ConfigError(f"--classes {name}: no class of the protocol. {possible}")
-    chosen = [known[name.lower()] for name in asked] or list(known.values())
-    found = [name for name in dict.fromkeys(chosen) if not _why_not(held, baseline, name)]
-    if not found:
-        reasons = [_why_not(held, baseline, name) for name in dict.fromkeys(chosen)]
-        raise ConfigError(f"nothing to compare. {' '.join(reasons)}")
-    return tuple(found)
-
-
-def _why_not(held: Held, baseline: str, class_name: str) -> str:
-    """Why a class is not compared, as a sentence; or nothing."""
-    if not held.counts(class_name):
-        return f"{class_name} is not compared: no ground truth of it counts."
-    if primary_view(held, baseline, class_name):
-        return ""
-    lacking = [held.lacks(name, class_name) for name in held.names]
-    return f"{class_name} is not compared. {' '.join(one for one in lacking if one)}"
 
 
 def _cells(held: Held) -> list[Cell]:
@@ -245,29 +207,3 @@ def _verdict_rows(
     front = {"group": class_name, "metric": f"{view}_r40/moderate"}
     judged = judge_group(pairs, baseline, margin)
     return [{**front, "level": name, **row} for name, row in judged.items()]
-
-
-def _are_alike(runs: Sequence[Comparison]) -> bool:
-    """Whether any two runs have found the same to the digit, and anything at all."""
-    return any(
-        len(a.det.types) > 0 and np.array_equal(a.det.values, b.det.values)
-        for a, b in combinations(runs, 2)
-    )
-
-
-def _notes(held: Held, baseline: str, classes: Sequence[str], asked: Sequence[str]) -> list[str]:
-    """What is not compared, and which runs have no partner."""
-    notes = [held.lacks(name, class_name) for name in held.names for class_name in classes]
-    for name in held.names:
-        if _are_alike(held.runs[name]):
-            notes.append(f"Runs of {name} have the same detections: they are no runs of their own.")
-        own, base = len(held.runs[name]), len(held.runs[baseline])
-        if own != base:
-            shared = f"the first {min(own, base)} of each are paired"
-            notes.append(f"{name} has {own} runs and {baseline} {base}: {shared}.")
-    wanted = {name.lower() for name in asked}
-    for class_name in held.protocol.overlaps:
-        is_detected = any(held.metrics(name, class_name) for name in held.names)
-        if class_name not in classes and (is_detected or class_name.lower() in wanted):
-            notes.append(_why_not(held, baseline, class_name))
-    return [note for note in notes if note]
