@@ -61,6 +61,7 @@ def _names(folders: Sequence[Path]) -> dict[Path, str]:
 
     Parts at the end that all share say nothing: ``a/data`` and ``b/data`` are ``a`` and ``b``.
     """
+    folders = list(dict.fromkeys(folders))
     parts = {folder: list(folder.resolve().parts) for folder in folders}
     while (
         len(folders) > 1 and len({own[-1] for own in parts.values()}) == 1 and _can_shorten(parts)

@@ -28,6 +28,7 @@ def test_a_folder_alone_has_its_own_name_or_what_tells_it_from_others() -> None:
         "theirs/run1",
     ]
     assert names("x=mine/data", "theirs/data") == ["x", "data"]
+    assert names("mine/run0", "mine/run0") == ["run0", "run0"]  # refused later, by this name
 
 
 def test_a_folder_that_is_there_may_hold_any_letters(tmp_path: Path) -> None:
