@@ -28,6 +28,7 @@ COMMANDS = (
     "clean",
     "check",
     "evaluate",
+    "compare",
     "simulate",
     "predict",
     "ui",

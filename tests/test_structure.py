@@ -32,6 +32,7 @@ REPORTS_STAND_ON = {"core", "geometry", "data", "evaluation"}
 
 # Modules, or rooms, that compute and nothing else: no file, no store, no network, no Hydra.
 PURE = (
+    "fl3d.evaluation.at_score",
     "fl3d.evaluation.average_precision",
     "fl3d.evaluation.bootstrap",
     "fl3d.evaluation.counts",

@@ -108,9 +108,10 @@ def resample_cell(
     cell: tuple[str, str],
     units: NDArray[np.int64] | None,
     n_resamples: int,
+    name: str = "Car",
 ) -> tuple[Float, Float]:
     """APs of one cell: (2,) on the frames as they are, (R, 2) in each resample; of drives as few as they are."""
-    matches = comparison.matches("Car", *cell)
+    matches = comparison.matches(name, *cell)
     n_frames = len(matches.n_gt)
     n_units = n_frames if units is None else int(units.max()) + 1
     once = np.ones((1, n_frames), dtype=np.int32)

@@ -68,7 +68,7 @@ def judge(
     """
     rows = []
     for group, levels in pairs.items():
-        for level, row in _judge_group(levels, baseline, asked.margin, looks).items():
+        for level, row in judge_group(levels, baseline, asked.margin, looks).items():
             rows.append({"group": group, "level": level, "metric": asked.primary, **row})
     return pd.DataFrame(rows)
 
@@ -79,13 +79,13 @@ def primary_place(asked: SweepSettings) -> tuple[int, int]:
     return CELLS.index((metric, difficulty)), AVERAGES.index(asked.average)
 
 
-def _judge_group(
+def judge_group(
     pairs: Pairs,
     baseline: str,
     margin: float,
-    looks: tuple[int, ...],
+    looks: tuple[int, ...] = (),
 ) -> dict[str, dict[str, object]]:
-    """Rows of the levels of one group."""
+    """Rows of the levels of one group, see ``judge``, by level."""
     family = {level: gain for level, (_, gain) in pairs.items() if level != baseline}
     found = dict(zip(family, joint_intervals(list(family.values()), ALPHA, looks), strict=True))
     rows: dict[str, dict[str, object]] = {}

@@ -84,7 +84,7 @@ def _best_scored(
 
 
 @numba.njit(cache=True)
-def _most_overlapping(
+def most_overlapping(
     own: Int,
     overlap: Float,
     flags: Flags,
@@ -133,7 +133,7 @@ def _count_at(
             continue
         own = pair_detection[pair_offsets[g] : pair_offsets[g + 1]]
         shared = overlap[pair_offsets[g] : pair_offsets[g + 1]]
-        best = _most_overlapping(own, shared, det_flags, det_scores, taken, level, minimum)
+        best = most_overlapping(own, shared, det_flags, det_scores, taken, level, minimum)
         if best >= 0:
             taken[best] = True
             if gt_flags[g] == 0 and det_flags[best] == 0:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import csv
 import html
 import io
+import textwrap
 from itertools import groupby
 
 from fl3d.reports.table import Cell, Table
 
 GROUPS = {"BEV": r"Bird's Eye View AP (\%)", "3D": r"3D Detection AP (\%)"}
-LATEX = {"\\": r"\textbackslash{}", **{c: rf"\{c}" for c in "_%&#$"}}
+LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+LATEX |= {character: rf"\{character}" for character in "_%&#${}"}
 SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"  # to the column's width, if wider
+TEXT_LETTERS = 100  # of a line on a terminal
 SYMBOLS = {
     "γ": r"$\gamma$",
     "α": r"$\alpha$",
@@ -24,6 +27,8 @@ SYMBOLS = {
     "−": r"$-$",
 }
 SYMBOLS |= {"<": "$<$", ">": "$>$", "–": "--", "…": r"\ldots{}", "†": r"$\dagger$", "§": r"\S{}"}
+
+ESCAPED = LATEX | SYMBOLS
 
 
 def to_csv(table: Table) -> str:
@@ -49,6 +54,29 @@ def to_markdown(table: Table) -> str:
     if table.notes:
         lines += ["", *(f"{note}  " for note in table.notes)]
     return "\n".join(lines) + "\n"
+
+
+def to_text(table: Table) -> str:
+    """For a terminal: Markdown whose columns stand below each other."""
+    rows = [[f"{column.group} {column.head}".strip() for column in table.columns]]
+    rows += [[_markdown(cell) for cell in row] for row in table.rows]
+    widths = [max(3, *map(len, cells)) for cells in zip(*rows, strict=True)]
+    of_columns = list(zip(table.columns, widths, strict=True))
+    rule = ["-" * (w - 1) + ":" if column.is_number else "-" * w for column, w in of_columns]
+    lines = [
+        [
+            text.rjust(width) if column.is_number else text.ljust(width)
+            for text, (column, width) in zip(row, of_columns, strict=True)
+        ]
+        for row in [rows[0], rule, *rows[1:]]
+    ]
+    notes = ["", *map(wrapped, table.notes)] if table.notes else []
+    return "\n".join([wrapped(_sentence(table)), "", *map(_line, lines), *notes]) + "\n"
+
+
+def wrapped(text: str) -> str:
+    """A sentence in lines of a terminal."""
+    return textwrap.fill(text, TEXT_LETTERS, break_on_hyphens=False)
 
 
 def _line(cells: list[str]) -> str:
@@ -115,11 +143,7 @@ def _latex_cell(cell: Cell) -> str:
 
 
 def _latex(text: str) -> str:
-    for character, escaped in LATEX.items():
-        text = text.replace(character, escaped)
-    for character, escaped in SYMBOLS.items():
-        text = text.replace(character, escaped)
-    return text
+    return "".join(ESCAPED.get(character, character) for character in text)
 
 
 def to_html(table: Table) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,12 +54,27 @@ def units_of(sweep: FinishedSweep) -> Units:
             "frames", frames, f"Resampled: {len(ids)} simulated frames, each of its own street."
         )
     folder = data.mapping or sweep.kitti().root / "mapping"
-    if not has_mapping(folder):
-        why = "their drives are not known (data.mapping names KITTI's mapping)"
+    return units_of_frames(ids, folder, "data.mapping")
+
+
+def units_of_frames(ids: Sequence[str], mapping: Path, option: str) -> Units:
+    """Drives where a folder holds KITTI's mapping, else frames.
+
+    Args:
+        ids: of the frames.
+        mapping: a folder that may hold the mapping.
+        option: by which a user names that folder.
+
+    Raises:
+        DataError: the mapping cannot be read, or does not know a frame.
+    """
+    frames = np.arange(len(ids))
+    if not has_mapping(mapping):
+        why = f"their drives are not known ({option} names KITTI's mapping)"
         return Units(
             "frames", frames, f"Resampled: {len(ids)} frames, taken as independent: {why}."
         )
-    names, drives = np.unique(read_drives(folder, ids), return_inverse=True)
+    names, drives = np.unique(read_drives(mapping, ids), return_inverse=True)
     if len(names) < FEWEST_DRIVES:
         why = f"{len(names)} drives are too few to be resampled (at least {FEWEST_DRIVES})"
         return Units(

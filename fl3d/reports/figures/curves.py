@@ -5,6 +5,7 @@ A panel a group, a curve a level.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -163,20 +164,24 @@ def ap_over_cut(rescored: pd.DataFrame, levels: Levels, path: Path) -> list[Path
     return [write_data(data, path), *panels(sorted(data["group"].unique()), path, panel, 4)]
 
 
-def precision_recall(curves: pd.DataFrame, levels: Levels, path: Path) -> list[Path]:
-    """Precision of the last models against recall, 3D moderate.
+def precision_recall(
+    curves: pd.DataFrame, levels: Levels, path: Path, groups: Sequence[str] | None = None
+) -> list[Path]:
+    """Precision against recall, a panel a group.
 
     Args:
         curves: ``group``, ``level``, ``recall`` and ``precision``; seeds averaged.
         levels: of the sweep.
         path: without ending.
+        groups: in the order of their panels; None: sorted.
     """
 
     def panel(axes: Axes, group: str) -> None:
         draw_by_level(axes, curves[curves["group"] == group], levels, "recall", "precision", 4)
         axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02))
 
-    return [write_data(curves, path), *panels(sorted(curves["group"].unique()), path, panel, 4)]
+    names = sorted(curves["group"].unique()) if groups is None else groups
+    return [write_data(curves, path), *panels(names, path, panel, 4)]
 
 
 def best_of_k_figure(data: pd.DataFrame, levels: Levels, path: Path) -> list[Path]:

@@ -25,6 +25,7 @@ STYLE: Any = {
     "axes.spines.right": False,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
+    "text.parse_math": False,  # a name may hold a dollar sign
 }
 PURPLE, BLUE, ORANGE = (
     "#7b2d8b",

@@ -1,0 +1,164 @@
+"""``compare``: anybody's detectors, by their result files."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shlex
+import sys
+from pathlib import Path
+
+from fl3d.analysis.compare import MARGIN, compare_detectors
+from fl3d.analysis.compare_page import write_comparison
+from fl3d.analysis.compare_tables import text_of
+from fl3d.analysis.detectors import read_detectors
+from fl3d.analysis.result_folders import MISSING, hold
+from fl3d.analysis.surroundings import Surroundings
+from fl3d.commands.words import parser
+from fl3d.config.compose import CONF, compose_config
+from fl3d.config.settings import read_settings
+from fl3d.core.errors import ConfigError, Fl3dError
+from fl3d.evaluation.protocol import Protocol
+
+FAILED = 2  # exit code of a mistake, as argparse has it
+PROTOCOLS = sorted(path.stem for path in (CONF / "protocol").glob("*.yaml"))
+DESCRIPTION = """\
+Say whether a detector is better than another, by KITTI result files (one NNNNNN.txt a frame) that any code wrote.
+
+It prints the AP of each by KITTI's official rules, its gain over the baseline with intervals that hold for all
+detectors at once, and, from three runs of training on, a verdict: better, worse, equivalent within a margin, or
+undecided and about how many more runs would tell. One run of each says nothing about another training: no verdict.
+All folders must be of the same frames; results are taken as they are, neither cut nor suppressed.
+"""
+EXAMPLES = """\
+examples:
+  python -m fl3d compare training/label_2 theirs=results/theirs mine=results/mine
+  python -m fl3d compare training/label_2 theirs=t0,t1,t2 mine=m0,m1,m2 --classes Car --out comparison
+
+The second compares three runs of each, which is what a verdict needs, and writes tables for a paper and a page:
+comparison/compare.html. Frames of one drive are much alike: where the folder `mapping` of KITTI's development kit lies
+beside `training`, or --mapping names it, drives are resampled instead of frames.
+"""
+
+
+def run(arguments: list[str]) -> None:
+    """Compare detectors by folders of KITTI result files, whoever wrote them."""
+    try:
+        _compare(arguments)
+    except Fl3dError as error:
+        print(f"fl3d: {error}", file=sys.stderr)
+        sys.exit(FAILED)
+
+
+def _compare(arguments: list[str]) -> None:
+    given = _parser().parse_intermixed_args(arguments)
+    detectors = read_detectors(given.detectors)
+    surroundings = Surroundings(
+        given.clouds, given.calib or given.labels.resolve().parent / "calib", given.pictures
+    )
+    if given.out is None and (given.clouds or given.pictures):
+        raise ConfigError(
+            "--clouds and --pictures are for the page: name a folder for it with --out"
+        )
+    held = hold(
+        given.labels,
+        detectors,
+        _protocol(given.protocol),
+        split=given.split,
+        missing=given.missing,
+        mapping=given.mapping,
+    )
+    surroundings.check(held.ids)
+    compared = compare_detectors(held, given.baseline, _listed(given.classes), given.margin)
+    protocol = f"protocol {held.protocol.name} (variant {held.protocol.variant})"
+    print(f"{len(held.ids)} frames, {protocol}; AP in percent\n")
+    print(text_of(compared))
+    if given.out is not None:
+        command = shlex.join(["python", "-m", "fl3d", "compare", *arguments])
+        try:
+            written = write_comparison(compared, given.out, surroundings, command)
+        except OSError as error:
+            raise ConfigError(f"--out {given.out}: cannot be written ({error.strerror})") from None
+        print(f"\nWritten to {written[0]}, with tables and figures beside it.")
+
+
+def _parser() -> argparse.ArgumentParser:
+    options = parser("compare", DESCRIPTION)
+    options.formatter_class = argparse.RawDescriptionHelpFormatter
+    options.epilog = EXAMPLES
+    options.add_argument(
+        "labels",
+        type=Path,
+        metavar="LABELS",
+        help="folder of label files, such as training/label_2",
+    )
+    options.add_argument(
+        "detectors",
+        nargs="+",
+        metavar="NAME=FOLDER",
+        help="a detector's result files; NAME=RUN1,RUN2,RUN3: of several runs; FOLDER alone has its own name",
+    )
+    options.add_argument(
+        "--baseline", metavar="NAME", help="that the others are held against (default: the first)"
+    )
+    options.add_argument(
+        "--classes", default="", metavar="A,B", help="default: those that two of them detect"
+    )
+    options.add_argument(
+        "--split",
+        type=Path,
+        metavar="FILE",
+        help="frames to compare on, a name a line (default: all)",
+    )
+    options.add_argument(
+        "--missing", choices=MISSING, default="error", help="a frame that a folder has no file of"
+    )
+    options.add_argument(
+        "--protocol",
+        default="kitti",
+        choices=PROTOCOLS,
+        help="overlaps and variant (default: kitti)",
+    )
+    options.add_argument(
+        "--margin", type=_margin, default=MARGIN, metavar="AP", help="gains below it do not matter"
+    )
+    options.add_argument(
+        "--mapping", type=Path, metavar="FOLDER", help="KITTI's mapping of frames to drives"
+    )
+    options.add_argument(
+        "--out",
+        type=Path,
+        metavar="FOLDER",
+        help="for tables (Markdown, LaTeX, CSV), figures, a page",
+    )
+    options.add_argument(
+        "--clouds",
+        type=Path,
+        metavar="FOLDER",
+        help="velodyne: points on objects, frames with clouds",
+    )
+    options.add_argument(
+        "--calib", type=Path, metavar="FOLDER", help="of the clouds (default: calib beside LABELS)"
+    )
+    options.add_argument(
+        "--pictures", type=Path, metavar="FOLDER", help="image_2: frames with pictures"
+    )
+    return options
+
+
+def _protocol(name: str) -> Protocol:
+    return read_settings(compose_config([f"protocol={name}", "profile=paper"])).protocol
+
+
+def _margin(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number of AP above 0")
+    return value
+
+
+def _listed(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
