@@ -12,10 +12,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float32] | NDArray[np.float64]
+Float = NDArray[np.float32]
 Int = NDArray[np.int64]
-Squares = tuple[float, float, float, int, int]  # least x and y, squares a metre, squares along x and y
-SLACK = 1 + 1e-4  # of a reach: far more than float32 rounds
+Squares = tuple[
+    float, float, float, int, int
+]  # least x and y, squares a metre, squares along x and y
+SLACK = 1 + 1e-4  # of a reach: far more than single numbers round
 
 
 @numba.njit(cache=True, error_model="numpy")

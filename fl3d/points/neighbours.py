@@ -1,7 +1,7 @@
-"""Points within a radius, and nearest points, of a cloud on a CPU: what comparing all pairs finds, to the bit; compiled.
+"""Points within a radius, and nearest points, on a CPU: what comparing all pairs finds, to the bit; compiled.
 
-Distances are ``cdist``'s: squares along x, y and z, in the points' own precision, each added without rounding it before.
-Points are finite.
+Points are single and finite. Their distances are those of torch's ``cdist``: squares along x, y and z, of which the
+latter two are added before they are rounded (in doubles it does not round like that, so these stay with it).
 """
 
 from __future__ import annotations
@@ -17,35 +17,34 @@ from numpy.typing import NDArray
 
 from fl3d.points.grid import SLACK, Float, Int, Squares, reached, sort_into_squares
 
-EACH = 1.0  # squares for a point; half or twice as many made no difference
-Number = np.float32 | np.float64
+EACH = 1.0  # squares for a point; half or twice as many are as fast
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def fused(_context: Any, a: Any, b: Any, c: Any) -> tuple[Any, Callable[..., Any]]:
     """``a * b + c``, rounded once."""
     return a(a, b, c), lambda _, builder, __, values: builder.fma(*values)
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def square_of(dx: Number, dy: Number, dz: Number) -> Number:
+def square_of(dx: np.float32, dy: np.float32, dz: np.float32) -> np.float32:
     """Of a distance."""
-    return fused(dz, dz, fused(dy, dy, dx * dx))  # type: ignore[no-any-return]
+    return fused(dz, dz, fused(dy, dy, dx * dx))
 
 
-def limit(radius: float, dtype: np.dtype[Any]) -> Number:
+def limit(radius: float) -> np.float32:
     """The least square whose root is not below a radius: what is less is inside."""
-    own: Number = dtype.type(radius)
+    own = np.float32(radius)
     square = own * own
     while own > 0 and np.sqrt(square) >= own:
-        square = np.nextafter(square, dtype.type(0))
+        square = np.nextafter(square, np.float32(0))
     while np.sqrt(square) < own:
-        square = np.nextafter(square, dtype.type(np.inf))
+        square = np.nextafter(square, np.float32(np.inf))
     return square
 
 
 @numba.njit(cache=True, error_model="numpy")
-def balls(points: Float, centers: Float, radius: float, limit: Number, count: int) -> Int:
+def balls(points: Float, centers: Float, radius: float, limit: np.float32, count: int) -> Int:
     """As ``operators.ball_query`` of one radius, whose ``limit`` is given: (B, N, 3), (B, M, 3) -> (B, M, count)."""
     found = np.zeros((len(points), centers.shape[1], count), dtype=np.int64)
     for b in range(len(points)):
@@ -95,11 +94,11 @@ def nearest(points: Float, known: Float, count: int) -> tuple[Float, Int, NDArra
         are equal, so that either point could come first (B, N).
     """
     n_clouds, n_points, n_known = len(points), points.shape[1], known.shape[1]
-    distances = np.empty((n_clouds, n_points, count), dtype=points.dtype)
+    distances = np.empty((n_clouds, n_points, count), dtype=np.float32)
     index = np.empty((n_clouds, n_points, count), dtype=np.int64)
     tied = np.zeros((n_clouds, n_points), dtype=np.bool_)
     most = min(count + 1, n_known)
-    best, own = np.empty(most, dtype=points.dtype), np.empty(most, dtype=np.int64)
+    best, own = np.empty(most, dtype=np.float32), np.empty(most, dtype=np.int64)
     for b in range(n_clouds):
         squares, starts, order = sort_into_squares(known[b], 0.0, EACH)
         cloud = known[b][order]
@@ -117,7 +116,7 @@ def nearest(points: Float, known: Float, count: int) -> tuple[Float, Int, NDArra
 def _nearest_of_one(
     point: Float, cloud: Float, squares: Squares, starts: Int, best: Float, own: Int
 ) -> None:
-    """Fill in the least squared distances, rising, and whose they are: in rings that hold enough, then in their reach."""
+    """Fill in the least squared distances, rising, and whose: of rings that hold enough, then of their reach."""
     best[:] = np.inf
     n_x, n_y = squares[3], squares[4]
     i, _, j, _ = reached(squares, point[0], point[1], 0.0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from fl3d.points.features import grouped, is_single, largest
 from fl3d.points.operators import ball_query, farthest_points, gather, interpolate
 
 
@@ -35,6 +36,17 @@ class PointMLP(nn.Module):
         """As ``Sequential``, whatever the leading axes."""
         out: Tensor = self.layers(rows.flatten(0, -2))
         return out.view(*rows.shape[:-1], self.c_out)
+
+    def maximum(self, rows: Tensor) -> Tensor:
+        """The largest of each group of points: (..., S, c_in) -> (..., widths[-1])."""
+        *layers, last = self.layers
+        out = rows.flatten(0, -2)
+        for layer in layers:
+            out = layer(out)
+        if is_single(out):
+            return largest(out.view(-1, rows.shape[-2], self.c_out)).view(*rows.shape[:-2], -1)
+        found: Tensor = last(out).view(*rows.shape[:-1], self.c_out).amax(dim=-2)
+        return found
 
 
 @dataclass(frozen=True)
@@ -78,7 +90,7 @@ class SetAbstraction(nn.Module):
         if self.level.count is None:
             rows = points if features is None else torch.cat([points, features], dim=-1)
             return points[:, :1], torch.cat(
-                [mlp(rows).amax(dim=1, keepdim=True) for mlp in self.scales], dim=-1
+                [mlp.maximum(rows)[:, None] for mlp in self.scales], dim=-1
             )
         centers = gather(points, farthest_points(points, self.level.count))
         found = []
@@ -87,11 +99,16 @@ class SetAbstraction(nn.Module):
             self.scales,
             strict=True,
         ):
-            rows = gather(points, index) - centers[:, :, None]
-            if features is not None:
-                rows = torch.cat([rows, gather(features, index)], dim=-1)
-            found.append(mlp(rows).amax(dim=2))
+            found.append(mlp.maximum(_group(points, centers, features, index)))
         return centers, torch.cat(found, dim=-1)
+
+
+def _group(points: Tensor, centers: Tensor, features: Tensor | None, index: Tensor) -> Tensor:
+    """Points of balls as their centres see them, and their features: (B, M, S, 3 + C)."""
+    if features is not None and is_single(points, features):
+        return grouped(points, centers, features, index)
+    rows = gather(points, index) - centers[:, :, None]
+    return rows if features is None else torch.cat([rows, gather(features, index)], dim=-1)
 
 
 class Backbone(nn.Module):

@@ -1,4 +1,4 @@
-"""Choose, group and interpolate points: on a GPU by comparing all pairs in PyTorch, on a CPU compiled, to the same bits.
+"""Choose, group and interpolate points: on a GPU in PyTorch, by comparing all pairs, on a CPU compiled, bit by bit alike.
 
 Qi, Yi, Su, Guibas: PointNet++: Deep Hierarchical Feature Learning on Point Sets in a Metric Space. NIPS 2017, §3.
 """
@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from fl3d.points.features import blended, is_single
 from fl3d.points.neighbours import balls, limit, nearest
 from fl3d.points.selection import farthest
 
@@ -73,7 +74,7 @@ def ball_query(
     arrays = plain(min(counts), points, centers)
     if arrays is not None:
         return [
-            torch.from_numpy(balls(*arrays, radius, limit(radius, arrays[0].dtype), count))
+            torch.from_numpy(balls(*arrays, radius, limit(radius), count))
             for radius, count in zip(radii, counts, strict=True)
         ]
     size = max(1, PAIRS_AT_ONCE // max(1, points.shape[1] * centers.shape[1]))
@@ -129,11 +130,13 @@ def interpolate(points: Tensor, known: Tensor, features: Tensor) -> Tensor:
     distances, index = nearest_known(points, known, count)
     weights = 1 / (distances + 1e-8)
     weights = weights / weights.sum(dim=-1, keepdim=True)
+    if is_single(features, weights):
+        return blended(features, index, weights)
     return (gather(features, index) * weights[..., None]).sum(dim=2)
 
 
 def nearest_known(points: Tensor, known: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """Distances of the nearest known points, rising, and which they are: (B, N, 3), (B, M, 3) -> (B, N, count) twice."""
+    """Distances of the nearest known points, rising, and whose: (B, N, 3), (B, M, 3) -> (B, N, count) twice."""
     arrays = plain(count, points, known)
     if arrays is None:
         return _nearest_of_all(points, known, count)
@@ -157,7 +160,7 @@ def _nearest_of_all(points: Tensor, known: Tensor, count: int) -> tuple[Tensor, 
 
 
 def plain(count: int, *places: Tensor) -> list[NDArray[np.float32]] | None:
-    """Places as the compiled functions take them: in the CPU's memory, of one precision, finite, some, and some wanted.
+    """Places as the compiled functions take them: in the CPU's memory, single, finite, some, and some wanted.
 
     Args:
         count: how many are chosen.
@@ -166,10 +169,6 @@ def plain(count: int, *places: Tensor) -> list[NDArray[np.float32]] | None:
     Returns:
         Arrays; None where PyTorch has to do the work.
     """
-    first = places[0]
-    if first.device.type != "cpu" or first.dtype not in (torch.float32, torch.float64) or count < 1:
+    if count < 1 or not is_single(*places) or not all(torch.isfinite(one).all() for one in places):
         return None
-    for one in places:
-        if one.dtype != first.dtype or not one.numel() or not torch.isfinite(one).all():
-            return None
     return [one.detach().contiguous().numpy() for one in places]

@@ -1,6 +1,7 @@
 """Points chosen one after the other on a CPU: farthest ones, those in slabs, those in boxes; compiled.
 
-The same to the bit as what torch chooses on a GPU: each product and each sum is rounded. Coordinates are finite.
+The same to the bit as what torch chooses on a GPU: each product and each sum is rounded. Coordinates are
+single and finite.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ def farthest(points: Float, count: int) -> Int:
     n_clouds, n_points = points.shape[:2]
     n_rows = (n_points + LANES - 1) // LANES
     chosen = np.zeros((n_clouds, count), dtype=np.int64)
-    axes = np.zeros((3, n_rows, LANES), dtype=points.dtype)
-    nearest = np.empty((n_rows, LANES), dtype=points.dtype)
-    most = np.empty(LANES, dtype=points.dtype)
+    axes = np.zeros((3, n_rows, LANES), dtype=np.float32)
+    nearest = np.empty((n_rows, LANES), dtype=np.float32)
+    most = np.empty(LANES, dtype=np.float32)
     for cloud in range(n_clouds):
         nearest[:] = -1  # beyond the last point
         for i in range(n_points):
@@ -66,20 +67,20 @@ def _first_of_most(nearest: Float, most: Float) -> int:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def in_slabs(points: Float, places: Float, half: float, count: int) -> tuple[Float, Bool]:
+def in_slabs(points: Float, places: Float, half: np.float32, count: int) -> tuple[Float, Bool]:
     """The first points of each slab, seen from its reference point; the first repeats where there are fewer.
 
     Args:
         points: (K, P, 3), depth first.
         places: reference points (K, L, 3), whose depths rise.
-        half: a slab reaches less than so far to both sides, in the points' precision.
+        half: a slab reaches less than so far to both sides.
         count: how many.
 
     Returns:
         (K, L, count, 3), of slabs without a point the very first one; and whether a slab holds any (K, L).
     """
     n_frustums, n_places = places.shape[:2]
-    rows = np.empty((n_frustums, n_places, count, 3), dtype=points.dtype)
+    rows = np.empty((n_frustums, n_places, count, 3), dtype=np.float32)
     held, index = np.empty(n_places, dtype=np.int64), np.empty((n_places, count), dtype=np.int64)
     any_held = np.empty((n_frustums, n_places), dtype=np.bool_)
     for k in range(n_frustums):
@@ -102,7 +103,7 @@ def in_slabs(points: Float, places: Float, half: float, count: int) -> tuple[Flo
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def _first_reaching(depth: float, places: Float, half: float) -> int:
+def _first_reaching(depth: np.float32, places: Float, half: np.float32) -> int:
     """The first slab that does not end before a depth, found by halving."""
     low, high = 0, len(places)
     while low < high:
@@ -137,7 +138,11 @@ def in_boxes(
         cloud, held = points[frames[r]], 0
         cos, sin = turn[r, 0], turn[r, 1]
         for i in range(len(cloud)):
-            x, y, z = cloud[i, 0] - center[r, 0], cloud[i, 1] - center[r, 1], cloud[i, 2] - center[r, 2]
+            x, y, z = (
+                cloud[i, 0] - center[r, 0],
+                cloud[i, 1] - center[r, 1],
+                cloud[i, 2] - center[r, 2],
+            )
             inside = abs(x * cos + y * sin) <= half[r, 0] and abs(y * cos - x * sin) <= half[r, 1]
             if inside and abs(z) <= half[r, 2]:
                 index[r, held] = i

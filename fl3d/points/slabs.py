@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -58,7 +59,7 @@ class SlabNet(nn.Module):
     def forward(self, points: Tensor, places: Tensor) -> Tensor:
         """(K, P, 3) and reference points (K, L, 3) -> (K, L, C); depth is the first coordinate."""
         rows, inside = self._rows(points, places)
-        return self.mlp(rows).amax(dim=2) * inside
+        return self.mlp.maximum(rows) * inside
 
     def _rows(self, points: Tensor, places: Tensor) -> tuple[Tensor, Tensor]:
         """Points of each slab seen from its reference point (K, L, samples, 3), and whether it holds any (K, L, 1)."""
@@ -68,7 +69,7 @@ class SlabNet(nn.Module):
             return rows, rows.new_zeros(*places.shape[:2], 1, dtype=torch.bool)
         arrays = plain(count, points, places)
         if arrays is not None:
-            found = in_slabs(*arrays, arrays[0].dtype.type(half), count)
+            found = in_slabs(*arrays, np.float32(half), count)
             return torch.from_numpy(found[0]), torch.from_numpy(found[1])[..., None]
         inside = (points[:, None, :, 0] - places[..., :1]).abs() < half
         first = torch.arange(len(points), device=points.device)[:, None, None] * points.shape[1]
