@@ -1,7 +1,7 @@
 """Features of points gathered, blended and compared on a CPU, forth and back in one pass each; compiled.
 
-To the bit what PyTorch's own operations make of them one after the other: each product, quotient and sum is rounded, and
-sums go in the order of the points. Features are single numbers.
+To the bit what PyTorch's own operations make of them one after the other: each product, quotient and sum is rounded,
+and sums go in the order of the points. Features are single numbers.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Choose, group and interpolate points: on a GPU in PyTorch, by comparing all pairs, on a CPU compiled, bit by bit alike.
+"""Choose, group and interpolate points: in PyTorch, which compares all pairs, and on a CPU compiled, to the same bits.
 
 Qi, Yi, Su, Guibas: PointNet++: Deep Hierarchical Feature Learning on Point Sets in a Metric Space. NIPS 2017, §3.
 """
