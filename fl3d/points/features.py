@@ -34,19 +34,19 @@ def grouped(points: Tensor, centers: Tensor, features: Tensor, index: Tensor) ->
     Returns:
         (B, M, S, 3 + C), whose gradient goes to the features.
     """
-    found: Tensor = _Grouped.apply(points, centers, features, index)
+    found: Tensor = _Grouped.apply(points, centers, features, index)  # type: ignore[no-untyped-call]
     return found
 
 
 def blended(features: Tensor, index: Tensor, weights: Tensor) -> Tensor:
     """Weighed sums of features: (B, M, C), (B, N, K), (B, N, K) -> (B, N, C), whose gradient goes to the features."""
-    found: Tensor = _Blended.apply(features, index, weights)
+    found: Tensor = _Blended.apply(features, index, weights)  # type: ignore[no-untyped-call]
     return found
 
 
 def largest(rows: Tensor) -> Tensor:
     """The largest of each group after a ReLU: (G, S, C) -> (G, C). Equals share the gradient."""
-    found: Tensor = _Largest.apply(rows)
+    found: Tensor = _Largest.apply(rows)  # type: ignore[no-untyped-call]
     return found
 
 

@@ -32,21 +32,16 @@ class PointMLP(nn.Module):
         self.layers = nn.Sequential(*layers)
         self.c_out = c_in
 
-    def forward(self, rows: Tensor) -> Tensor:
-        """As ``Sequential``, whatever the leading axes."""
-        out: Tensor = self.layers(rows.flatten(0, -2))
-        return out.view(*rows.shape[:-1], self.c_out)
-
-    def maximum(self, rows: Tensor) -> Tensor:
-        """The largest of each group of points: (..., S, c_in) -> (..., widths[-1])."""
+    def forward(self, rows: Tensor, grouped: bool = False) -> Tensor:
+        """As ``Sequential``, whatever the leading axes; of groups (..., S, c_in) the largest of each."""
         *layers, last = self.layers
         out = rows.flatten(0, -2)
         for layer in layers:
             out = layer(out)
-        if is_single(out):
+        if grouped and is_single(out):
             return largest(out.view(-1, rows.shape[-2], self.c_out)).view(*rows.shape[:-2], -1)
-        found: Tensor = last(out).view(*rows.shape[:-1], self.c_out).amax(dim=-2)
-        return found
+        out = last(out).view(*rows.shape[:-1], self.c_out)
+        return out.amax(dim=-2) if grouped else out
 
 
 @dataclass(frozen=True)
@@ -90,7 +85,7 @@ class SetAbstraction(nn.Module):
         if self.level.count is None:
             rows = points if features is None else torch.cat([points, features], dim=-1)
             return points[:, :1], torch.cat(
-                [mlp.maximum(rows)[:, None] for mlp in self.scales], dim=-1
+                [mlp(rows, grouped=True)[:, None] for mlp in self.scales], dim=-1
             )
         centers = gather(points, farthest_points(points, self.level.count))
         found = []
@@ -99,7 +94,7 @@ class SetAbstraction(nn.Module):
             self.scales,
             strict=True,
         ):
-            found.append(mlp.maximum(_group(points, centers, features, index)))
+            found.append(mlp(_group(points, centers, features, index), grouped=True))
         return centers, torch.cat(found, dim=-1)
 
 

@@ -59,7 +59,7 @@ class SlabNet(nn.Module):
     def forward(self, points: Tensor, places: Tensor) -> Tensor:
         """(K, P, 3) and reference points (K, L, 3) -> (K, L, C); depth is the first coordinate."""
         rows, inside = self._rows(points, places)
-        return self.mlp.maximum(rows) * inside
+        return self.mlp(rows, grouped=True) * inside
 
     def _rows(self, points: Tensor, places: Tensor) -> tuple[Tensor, Tensor]:
         """Points of each slab seen from its reference point (K, L, samples, 3), and whether it holds any (K, L, 1)."""

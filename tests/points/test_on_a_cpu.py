@@ -144,9 +144,13 @@ def test_the_largest_of_a_group_that_nothing_passes_is_zero_and_what_is_no_numbe
     mlp = PointMLP(1, [1], norm=False)
     torch.nn.init.ones_(mlp.layers[0].weight)
     torch.nn.init.zeros_(mlp.layers[0].bias)
-    assert mlp.maximum(torch.tensor([[[-1.0], [-2.0]], [[3.0], [1.0]]])).tolist() == [[0.0], [3.0]]
-    assert mlp.maximum(torch.tensor([[[1.0], [torch.nan], [2.0]]])).isnan().all()
-    agree(mlp, lambda: mlp.maximum(torch.tensor([[[2.0], [2.0], [1.0]], [[-1.0], [-2.0], [-1.0]]])))
+    assert mlp(torch.tensor([[[-1.0], [-2.0]], [[3.0], [1.0]]]), grouped=True).tolist() == [
+        [0.0],
+        [3.0],
+    ]
+    assert mlp(torch.tensor([[[1.0], [torch.nan], [2.0]]]), grouped=True).isnan().all()
+    groups = torch.tensor([[[2.0], [2.0], [1.0]], [[-1.0], [-2.0], [-1.0]]])
+    agree(mlp, lambda: mlp(groups, grouped=True))
 
 
 @pytest.mark.parametrize("step", [0.0, 0.25])
