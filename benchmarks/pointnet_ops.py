@@ -3,7 +3,8 @@
     python benchmarks/pointnet_ops.py --kitti FOLDER --frame ID [--device cuda]
 
 A frame's points are sampled as PointRCNN does at full size (16,384, of which the first level keeps
-4096) and in profile quick (4096, 512). Milliseconds on one thread, the median of several runs.
+4096) and in profile quick (4096, 512). Milliseconds on one thread, the median of several runs that
+take turns. "in torch" is what any other device does: the same to the bit, which is looked at here.
 torch_cluster (pip install torch_cluster; it is compiled) is left out where it is not installed; its
 ``radius`` gives neighbours in no order. SciPy's trees are built anew, as every frame has its own.
 """
@@ -14,7 +15,10 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import torch
@@ -23,9 +27,10 @@ from fl3d.config.compose import compose_config
 from fl3d.data.kitti import KittiFolder
 from fl3d.inference.load import build_detector
 from fl3d.inference.reproducibility import prepare
-from fl3d.points.operators import ball_query, farthest_points, gather, interpolate
+from fl3d.points import operators
+from fl3d.points.operators import ball_query, farthest_points, gather, interpolate, nearest_known
 
-RUNS = 5
+RUNS = 7
 
 
 def main() -> None:
@@ -59,6 +64,7 @@ def measure(kitti: Path, frame_id: str, profile: str, device: str) -> None:
     rows: dict[str, dict[str, Callable[[], object]]] = {
         "farthest points": {"fl3d": lambda: farthest_points(points, count)},
         "ball query": {"fl3d": lambda: ball_query(points, centers, [radius], [most])},
+        "3 nearest": {"fl3d": lambda: nearest_known(points, centers, 3)},
         "3 nearest, interpolate": {"fl3d": lambda: interpolate(points, centers, features)},
     }
     if device == "cpu":
@@ -68,9 +74,11 @@ def measure(kitti: Path, frame_id: str, profile: str, device: str) -> None:
         rows["ball query"]["scipy"] = lambda: cKDTree(plain).query(
             around, k=most, distance_upper_bound=radius
         )
-        rows["3 nearest, interpolate"]["scipy, nearest alone"] = lambda: cKDTree(around).query(
-            plain, k=3
-        )
+        rows["3 nearest"]["scipy"] = lambda: cKDTree(around).query(plain, k=3)
+        for name, ways in rows.items():
+            ways["in torch"] = partial(by_torch, ways["fl3d"])
+            if not same(ways["fl3d"](), ways["in torch"]()):
+                print(f"  {name}: not the same to the bit")
     try:
         import torch_cluster
     except ImportError:
@@ -83,26 +91,38 @@ def measure(kitti: Path, frame_id: str, profile: str, device: str) -> None:
         rows["ball query"]["torch_cluster"] = lambda: torch_cluster.radius(
             one, some, radius, max_num_neighbors=most
         )
-        rows["3 nearest, interpolate"]["torch_cluster, nearest alone"] = lambda: torch_cluster.knn(
-            some, one, 3
-        )
+        rows["3 nearest"]["torch_cluster"] = lambda: torch_cluster.knn(some, one, 3)
     for name, ways in rows.items():
-        times = {way: timed(call, device) for way, call in ways.items()}
-        ratios = [f"{way} {t:.1f} ms ({t / times['fl3d']:.2f} x)" for way, t in times.items()]
-        print(f"  {name:24s}", "; ".join(ratios))
+        times = timed(ways, device)
+        ratios = [f"{way} {t:.2f} ms ({t / times['fl3d']:.2f} x)" for way, t in times.items()]
+        print(f"  {name:24s}", "; ".join(ratios), flush=True)
 
 
-def timed(call: Callable[[], object], device: str) -> float:
-    """Median of the milliseconds of a few calls, after one that does not count."""
-    call()
-    times = []
-    for _ in range(RUNS):
-        started = time.perf_counter() if device != "cpu" else time.process_time()
-        call()
-        if device != "cpu":
-            torch.cuda.synchronize()
-        times.append((time.perf_counter() if device != "cpu" else time.process_time()) - started)
-    return 1000 * statistics.median(times)
+def by_torch(call: Callable[[], object]) -> object:
+    """A call as a device makes it for which nothing is compiled."""
+    with patch.multiple(operators, plain=lambda *_: None, is_single=lambda *_: False):
+        return call()
+
+
+def same(found: Any, other: Any) -> bool:
+    """Whether tensors, or several of them, are equal."""
+    if torch.is_tensor(found):
+        return torch.equal(found, other)
+    return all(torch.equal(*pair) for pair in zip(found, other, strict=True))
+
+
+def timed(ways: dict[str, Callable[[], object]], device: str) -> dict[str, float]:
+    """Median of the milliseconds of a few calls of each, in turn, after one that does not count."""
+    times: dict[str, list[float]] = {way: [] for way in ways}
+    clock = time.process_time if device == "cpu" else time.perf_counter
+    for run in range(RUNS + 1):
+        for way, call in ways.items():
+            started = clock()
+            call()
+            if device != "cpu":
+                torch.cuda.synchronize()
+            times[way] += [clock() - started] * (run > 0)
+    return {way: 1000 * statistics.median(some) for way, some in times.items()}
 
 
 if __name__ == "__main__":

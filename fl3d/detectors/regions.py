@@ -5,7 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from fl3d.points.operators import first_true
+from fl3d.points.operators import first_true, plain
+from fl3d.points.selection import in_boxes
 
 
 def pool(
@@ -26,12 +27,23 @@ def pool(
     """
     half = regions[:, [5, 4, 3]] / 2 + extra  # along x, y, z of the region
     center = centered(regions)[:, :3]
-    inside = (to_regions(points[frames], center, regions[:, 6]).abs() <= half[:, None]).all(dim=-1)
-    index = first_true(inside, count) + frames[:, None] * points.shape[1]
+    index, held = _first_inside(points, frames, center, regions[:, 6], half, count)
+    index = index + frames[:, None] * points.shape[1]
     taken = points.flatten(0, 1)[index], features.flatten(0, 1)[index]
     rows = torch.cat([to_regions(taken[0], center, regions[:, 6]), taken[1]], dim=-1)
-    held = inside.any(dim=1)
     return rows * held[:, None, None], held
+
+
+def _first_inside(
+    points: Tensor, frames: Tensor, center: Tensor, yaw: Tensor, half: Tensor, count: int
+) -> tuple[Tensor, Tensor]:
+    """Which points of its frame come first in each region (R, count), and whether it holds any (R,)."""
+    arrays = plain(count, points, center, torch.stack([yaw.cos(), yaw.sin()], dim=1), half)
+    if arrays is not None:
+        found = in_boxes(arrays[0], frames.numpy(), *arrays[1:], count)
+        return torch.from_numpy(found[0]), torch.from_numpy(found[1])
+    inside = (to_regions(points[frames], center, yaw).abs() <= half[:, None]).all(dim=-1)
+    return first_true(inside, count), inside.any(dim=1)
 
 
 def to_regions(places: Tensor, center: Tensor, yaw: Tensor) -> Tensor:

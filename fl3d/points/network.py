@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from fl3d.points.features import grouped, is_single, largest
 from fl3d.points.operators import ball_query, farthest_points, gather, interpolate
 
 
@@ -31,10 +32,16 @@ class PointMLP(nn.Module):
         self.layers = nn.Sequential(*layers)
         self.c_out = c_in
 
-    def forward(self, rows: Tensor) -> Tensor:
-        """As ``Sequential``, whatever the leading axes."""
-        out: Tensor = self.layers(rows.flatten(0, -2))
-        return out.view(*rows.shape[:-1], self.c_out)
+    def forward(self, rows: Tensor, grouped: bool = False) -> Tensor:
+        """As ``Sequential``, whatever the leading axes; of groups (..., S, c_in) the largest of each."""
+        *layers, last = self.layers
+        out = rows.flatten(0, -2)
+        for layer in layers:
+            out = layer(out)
+        if grouped and is_single(out):
+            return largest(out.view(-1, rows.shape[-2], self.c_out)).view(*rows.shape[:-2], -1)
+        out = last(out).view(*rows.shape[:-1], self.c_out)
+        return out.amax(dim=-2) if grouped else out
 
 
 @dataclass(frozen=True)
@@ -78,7 +85,7 @@ class SetAbstraction(nn.Module):
         if self.level.count is None:
             rows = points if features is None else torch.cat([points, features], dim=-1)
             return points[:, :1], torch.cat(
-                [mlp(rows).amax(dim=1, keepdim=True) for mlp in self.scales], dim=-1
+                [mlp(rows, grouped=True)[:, None] for mlp in self.scales], dim=-1
             )
         centers = gather(points, farthest_points(points, self.level.count))
         found = []
@@ -87,11 +94,16 @@ class SetAbstraction(nn.Module):
             self.scales,
             strict=True,
         ):
-            rows = gather(points, index) - centers[:, :, None]
-            if features is not None:
-                rows = torch.cat([rows, gather(features, index)], dim=-1)
-            found.append(mlp(rows).amax(dim=2))
+            found.append(mlp(_group(points, centers, features, index), grouped=True))
         return centers, torch.cat(found, dim=-1)
+
+
+def _group(points: Tensor, centers: Tensor, features: Tensor | None, index: Tensor) -> Tensor:
+    """Points of balls as their centres see them, and their features: (B, M, S, 3 + C)."""
+    if features is not None and is_single(points, features):
+        return grouped(points, centers, features, index)
+    rows = gather(points, index) - centers[:, :, None]
+    return rows if features is None else torch.cat([rows, gather(features, index)], dim=-1)
 
 
 class Backbone(nn.Module):

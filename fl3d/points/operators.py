@@ -1,4 +1,4 @@
-"""Choose, group and interpolate points: pure PyTorch, on any device, vectorised over points and clouds.
+"""Choose, group and interpolate points: in PyTorch, which compares all pairs, and on a CPU compiled, to the same bits.
 
 Qi, Yi, Su, Guibas: PointNet++: Deep Hierarchical Feature Learning on Point Sets in a Metric Space. NIPS 2017, §3.
 """
@@ -7,8 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
+
+from fl3d.points.features import blended, is_single
+from fl3d.points.neighbours import balls, limit, nearest
+from fl3d.points.selection import farthest
 
 PAIRS_AT_ONCE = 1 << 27  # distances held in memory: half a gigabyte
 NEIGHBOURS = 3
@@ -24,6 +30,9 @@ def farthest_points(points: Tensor, count: int) -> Tensor:
     Returns:
         (B, count) int64.
     """
+    arrays = plain(count, points)
+    if arrays is not None:
+        return torch.from_numpy(farthest(*arrays, count))
     n_clouds, n_points, _ = points.shape
     chosen = torch.zeros(n_clouds, count, dtype=torch.int64, device=points.device)
     if points.is_meta:
@@ -61,6 +70,12 @@ def ball_query(
         return [
             torch.zeros(*centers.shape[:2], count, dtype=torch.int64, device="meta")
             for count in counts
+        ]
+    arrays = plain(min(counts), points, centers)
+    if arrays is not None:
+        return [
+            torch.from_numpy(balls(*arrays, radius, limit(radius), count))
+            for radius, count in zip(radii, counts, strict=True)
         ]
     size = max(1, PAIRS_AT_ONCE // max(1, points.shape[1] * centers.shape[1]))
     parts = []
@@ -112,14 +127,48 @@ def interpolate(points: Tensor, known: Tensor, features: Tensor) -> Tensor:
     count = min(NEIGHBOURS, known.shape[1])
     if points.is_meta:
         return features.new_empty(*points.shape[:2], features.shape[2])
+    distances, index = nearest_known(points, known, count)
+    weights = 1 / (distances + 1e-8)
+    weights = weights / weights.sum(dim=-1, keepdim=True)
+    if is_single(features, weights):
+        return blended(features, index, weights)
+    return (gather(features, index) * weights[..., None]).sum(dim=2)
+
+
+def nearest_known(points: Tensor, known: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    """Distances of the nearest known points, rising, and whose: (B, N, 3), (B, M, 3) -> (B, N, count) twice."""
+    arrays = plain(count, points, known)
+    if arrays is None:
+        return _nearest_of_all(points, known, count)
+    distances, index, tied = (torch.from_numpy(found) for found in nearest(*arrays, count))
+    for cloud in tied.any(dim=1).nonzero()[:, 0].tolist():  # torch says which of equals comes first
+        own, rows = slice(cloud, cloud + 1), tied[cloud]
+        found = _nearest_of_all(points[own, rows], known[own], count)
+        distances[cloud, rows], index[cloud, rows] = found[0][0], found[1][0]
+    return distances, index
+
+
+def _nearest_of_all(points: Tensor, known: Tensor, count: int) -> tuple[Tensor, Tensor]:
     size = max(1, PAIRS_AT_ONCE // max(1, points.shape[1] * known.shape[1]))
-    nearest = [
+    found = [
         torch.cdist(some, others, compute_mode="donot_use_mm_for_euclid_dist").topk(
             count, largest=False
         )
         for some, others in zip(torch.split(points, size), torch.split(known, size), strict=True)
     ]
-    distances, index = (torch.cat([found[part] for found in nearest]) for part in (0, 1))
-    weights = 1 / (distances + 1e-8)
-    weights = weights / weights.sum(dim=-1, keepdim=True)
-    return (gather(features, index) * weights[..., None]).sum(dim=2)
+    return torch.cat([one[0] for one in found]), torch.cat([one[1] for one in found])
+
+
+def plain(count: int, *places: Tensor) -> list[NDArray[np.float32]] | None:
+    """Places as the compiled functions take them: in the CPU's memory, single, finite, some, and some wanted.
+
+    Args:
+        count: how many are chosen.
+        places: coordinates.
+
+    Returns:
+        Arrays; None where PyTorch has to do the work.
+    """
+    if count < 1 or not is_single(*places) or not all(torch.isfinite(one).all() for one in places):
+        return None
+    return [one.detach().contiguous().numpy() for one in places]

@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from fl3d.points.network import PointMLP
-from fl3d.points.operators import first_true
+from fl3d.points.operators import first_true, plain
+from fl3d.points.selection import in_slabs
 
 
 @dataclass(frozen=True)
@@ -56,17 +58,21 @@ class SlabNet(nn.Module):
 
     def forward(self, points: Tensor, places: Tensor) -> Tensor:
         """(K, P, 3) and reference points (K, L, 3) -> (K, L, C); depth is the first coordinate."""
+        rows, inside = self._rows(points, places)
+        return self.mlp(rows, grouped=True) * inside
+
+    def _rows(self, points: Tensor, places: Tensor) -> tuple[Tensor, Tensor]:
+        """Points of each slab seen from its reference point (K, L, samples, 3), and whether it holds any (K, L, 1)."""
+        count, half = self.slabs.samples, self.slabs.half
         if points.is_meta:
-            index = torch.zeros(
-                *places.shape[:2], self.slabs.samples, dtype=torch.int64, device="meta"
-            )
-            inside = index.new_zeros(*places.shape[:2], 1, dtype=torch.bool)
-        else:
-            inside = (points[:, None, :, 0] - places[..., :1]).abs() < self.slabs.half
-            index = first_true(inside, self.slabs.samples)
-            inside = inside.any(dim=2, keepdim=True)
-        flat = (
-            index + torch.arange(len(points), device=points.device)[:, None, None] * points.shape[1]
-        )
-        rows = points.flatten(0, 1)[flat.flatten()].view(*index.shape, 3) - places[:, :, None]
-        return self.mlp(rows).amax(dim=2) * inside
+            rows = points.new_zeros(*places.shape[:2], count, 3)
+            return rows, rows.new_zeros(*places.shape[:2], 1, dtype=torch.bool)
+        arrays = plain(count, points, places)
+        if arrays is not None:
+            found = in_slabs(*arrays, np.float32(half), count)
+            return torch.from_numpy(found[0]), torch.from_numpy(found[1])[..., None]
+        inside = (points[:, None, :, 0] - places[..., :1]).abs() < half
+        first = torch.arange(len(points), device=points.device)[:, None, None] * points.shape[1]
+        flat = first_true(inside, count) + first
+        rows = points.flatten(0, 1)[flat.flatten()].view(*flat.shape, 3) - places[:, :, None]
+        return rows, inside.any(dim=2, keepdim=True)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fl3d.geometry.boxes import (
@@ -10,6 +10,7 @@ from fl3d.geometry.boxes import (
     corners_velo,
     count_points_inside,
     fold,
+    points_inside,
     rectangles_cam,
     standup,
     wrap,
@@ -88,3 +89,19 @@ def test_points_are_counted_inside_a_turned_box() -> None:
     box = np.array([[0.0, 0.0, 0.0, 1.0, 2.0, 4.0, np.pi / 2]])
     points = np.array([[0, 1.9, 0.5], [1.9, 0, 0.5], [0, 0, 1.1], [0, 0, -0.1], [0.9, -1.9, 0.9]])
     assert count_points_inside(points, box).tolist() == [2]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from([np.float32, np.float64]))
+def test_points_inside_boxes_are_those_that_numpy_finds(seed: int, dtype: type) -> None:
+    """Point by point, to the bit: on faces too."""
+    rng = np.random.default_rng(seed)
+    points = rng.integers(-8, 8, (200, 4)).astype(dtype) / 4
+    boxes = np.column_stack([rng.integers(-4, 4, (6, 3)) / 4, rng.integers(0, 8, (6, 3)) / 4])
+    boxes = np.column_stack([boxes, rng.choice([0, np.pi / 2, 0.3, -2.0], 6)])
+    for box, inside in zip(boxes, points_inside(points, boxes), strict=True):
+        dx, dy, dz = (points[:, axis] - box[axis] for axis in range(3))
+        along = dx * np.cos(box[6]) + dy * np.sin(box[6])
+        across = dy * np.cos(box[6]) - dx * np.sin(box[6])
+        expected = (np.abs(along) <= box[5] / 2) & (np.abs(across) <= box[4] / 2)
+        assert np.array_equal(inside, expected & (dz >= 0) & (dz <= box[3]))
