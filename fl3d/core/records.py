@@ -9,6 +9,12 @@ from typing import Any
 Config = dict[str, Any]
 
 
+def detector_label(config: Mapping[str, Any]) -> str:
+    """What files and trees call a config's detector: its name where a command trains it, else its class."""
+    section = config["detector"]
+    return str(section.get("name") or section["_target_"].rpartition(".")[2])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stage:
     """One stretch of training under one config.
@@ -50,8 +56,8 @@ class Stage:
 
     @property
     def class_name(self) -> str:
-        """Name of its detector's class."""
-        return self.target.rpartition(".")[2]
+        """Name of its detector's class, or of the program that trains it."""
+        return detector_label(self.config)
 
     def own_epoch(self, step: int) -> int:
         """Epochs of its own that a checkpoint at a step has behind it."""

@@ -145,19 +145,14 @@ def _by_detector(plan: Plan) -> str:
     """Epochs of each detector, where there are several."""
     shared: dict[str, int] = {}
     for stage in plan.stages.values():
-        shared[_detector(stage)] = shared.get(_detector(stage), 0) + stage.epochs
+        shared[stage.class_name] = shared.get(stage.class_name, 0) + stage.epochs
     plain = dict.fromkeys(shared, 0)
     for trial in plan.trials:
         for key in trial.stages:
-            plain[_detector(plan.stages[key])] += plan.stages[key].epochs
+            plain[plan.stages[key].class_name] += plan.stages[key].epochs
     if len(shared) < 2:
         return ""
     return f" ({', '.join(f'{name} {shared[name]} of {plain[name]}' for name in sorted(shared))})"
-
-
-def _detector(stage: Stage) -> str:
-    """Name of its class."""
-    return str(stage.config["detector"]["_target_"]).rpartition(".")[2]
 
 
 def _bytes(count: float) -> str:
