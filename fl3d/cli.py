@@ -6,6 +6,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import ConfigError, Fl3dError, options
@@ -33,6 +34,7 @@ COMMANDS = (
     "stage",
     "publish",
 )
+CONFIG_DIR = ("--config-dir", "-cd")
 TRAIN = "train"  # what runs where no command is named
 # Hydra's options.
 MULTIRUN = {"-m", "--multirun"}
@@ -47,13 +49,36 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     typed = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        name, rest = _split(typed)
+        name, rest = _split(_with_config_dir(typed))
         rest = _with_seeds(name, rest)
         importlib.import_module(f"fl3d.commands.{name}").run(rest)
     except Fl3dError as error:
         sys.exit(f"fl3d: {error}")
     except KeyboardInterrupt:
         sys.exit("\nfl3d: interrupted; run the same command to resume")
+
+
+def _with_config_dir(typed: list[str]) -> list[str]:
+    """The arguments without ``--config-dir FOLDER``, which any command may have: the user's own YAMLs and modules.
+
+    Raises:
+        ConfigError: it names no folder.
+    """
+    rest: list[str] = []
+    words = iter(typed)
+    for word in words:
+        option, _, folder = word.partition("=")
+        if option not in CONFIG_DIR:
+            rest.append(word)
+            continue
+        folder = folder or next(words, "")
+        if not folder:
+            raise ConfigError(
+                f"{word}: which folder? It holds your own detector/NAME.yaml and the like"
+            )
+        # Imported late: it brings Hydra along.
+        importlib.import_module("fl3d.config.compose").search_also(Path(folder))
+    return rest
 
 
 def _split(typed: list[str]) -> tuple[str, list[str]]:

@@ -106,10 +106,10 @@ class Checkpoint:
         stage: key.
         step: since the beginning of the first stage.
         epoch: completed, since the beginning of the first stage.
-        lr: learning rate of the last step.
+        lr: learning rate of the last step; None: a command does not tell it.
         losses: mean of each loss term since the checkpoint before.
         seconds: of training since the checkpoint before, and of detection and scoring.
-        sha256: of the weights file.
+        sha256: of the weights file; empty where a command keeps its own.
         detections_sha256: of the detections file.
         time_ms: when it was made, milliseconds since 1970.
         made_by: commit, versions and machine, see ``provenance``.
@@ -118,7 +118,7 @@ class Checkpoint:
     stage: str
     step: int
     epoch: int
-    lr: float
+    lr: float | None
     losses: Mapping[str, float]
     seconds: Mapping[str, float]
     sha256: str

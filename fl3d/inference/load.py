@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fl3d.config.objects import build
+from fl3d.config.objects import build, make_importable
 from fl3d.core.errors import CheckpointError, ConfigError
 from fl3d.core.records import Config
 from fl3d.detectors.base import Detector
@@ -38,6 +38,7 @@ def load(folder: RunFolder, step: int, device: str = "cpu") -> Detector:
         CheckpointError: its weights cannot be read, or are of a version of fl3d whose network differs.
     """
     spec = read_spec(folder)
+    make_importable(spec.machine.modules)
     prepare(spec.settings.seed, device, spec.settings.precision)
     weights = folder.weights(step)
     try:

@@ -6,12 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
-from fl3d.core.errors import ConfigError
+from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config
-from fl3d.training.templates import Line, check_names, names_in
+from fl3d.training.templates import Line, check_names, names_in, value_text
 
 TARGET = "fl3d.training.command.Command"
 # Places that fl3d gives values itself; all others are keys of the config.
@@ -62,7 +62,7 @@ class Command:
     VERSION: ClassVar[int] = 1  # raised when the same config would be run as another command
 
     name: str
-    run: Line | None
+    run: Line
     from_parent: Line = ()
     resume: Line = ()
     checkpoint: str | None = None
@@ -79,7 +79,7 @@ class Command:
 
     def lines(self, has_parent: bool) -> dict[str, Line]:
         """The texts that decide what a stage trains, by their keys."""
-        parts: dict[str, Line] = {"run": self.run or (), "cwd": self.cwd}
+        parts: dict[str, Line] = {"run": self.run, "cwd": self.cwd}
         parts |= {"from_parent": self.from_parent} if has_parent else {}
         return parts | {f"env.{name}": text for name, text in self.env.items()}
 
@@ -155,17 +155,30 @@ def command_of(section: Mapping[str, Any]) -> Command:
         ConfigError: a key that there is not, or one that is missing.
     """
     own = {key: value for key, value in section.items() if key not in ("_target_", "places")}
-    try:
-        return Command(**own)
-    except TypeError as error:
-        reason = str(error).replace("Command.__init__()", "").strip()
-        raise ConfigError(f"detector: {reason}. {_possible(own)}") from None
+    known = [one.name for one in fields(Command)]
+    for key in own:
+        if key not in known:
+            raise ConfigError(f"detector.{key}: no key of a command. {options(key, known)}")
+    for key in ("name", "results", "program"):
+        if not own.get(key):
+            raise ConfigError(
+                f"detector.{key}: not given; conf/detector/command.yaml says what it is"
+            )
+    lines = {key: _as_line(own.get(key)) for key in ("run", "from_parent", "resume")}
+    env = {name: value_text(value) for name, value in (own.get("env") or {}).items()}
+    command = Command(**{**own, **lines, "env": env})
+    for key in ("from_parent", "resume"):
+        if isinstance(lines[key], str) and not isinstance(command.run, str):
+            raise ConfigError(
+                f"detector.{key}: run is a list of arguments, so that this must be one too"
+            )
+    return command
 
 
-def _possible(own: Mapping[str, Any]) -> str:
-    known = list(Command.__dataclass_fields__)
-    wrong = [key for key in own if key not in known]
-    return f"Possible: {', '.join(known)}." if wrong else "See conf/detector/command.yaml."
+def _as_line(value: Any) -> Line:
+    if value is None or isinstance(value, str):
+        return value or ()
+    return [value_text(item) for item in value]
 
 
 def places_of(config: Config) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import subprocess
@@ -17,6 +18,7 @@ from fl3d.training import guard
 
 TAIL = 20  # lines of its output in an error
 TAIL_BYTES = 20000
+POLL_SECONDS = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +107,25 @@ class Process:
         if self._guard.stdin is not None:
             self._guard.stdin.close()
         self._guard.wait()
+
+
+def wait_for_earlier(records: Path, seconds: float) -> None:
+    """Wait until no guard of an earlier start runs any more.
+
+    Raises:
+        TrainingError: one still does.
+    """
+    with records.open("a") as file:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return
+            except BlockingIOError:
+                time.sleep(POLL_SECONDS)
+            except OSError:
+                return  # a file system without locks
+    raise TrainingError(f"{records.parent}: an earlier start of its command has not ended yet")
 
 
 def read_exits(records: Path) -> list[Exit]:

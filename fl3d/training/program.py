@@ -45,8 +45,8 @@ def read_program(asked: Mapping[str, Any], base: Path) -> dict[str, Any]:
     unknown = set(asked) - {"folder", "files", "digest", "about"}
     if unknown or not asked.get("folder"):
         raise ConfigError(
-            f"detector.program: {', '.join(sorted(unknown)) or 'no folder'}; give its folder, and files in it unless it "
-            "is a git repository: {folder: /home/me/OpenPCDet} or {folder: ., files: [train.py, model/*.py]}"
+            f"detector.program: {', '.join(sorted(unknown)) or 'no folder'}; give its folder, and files in it unless "
+            "it is a git repository: {folder: /home/me/OpenPCDet} or {folder: ., files: [train.py, model/*.py]}"
         )
     folder = (base / str(asked["folder"])).resolve()
     if not folder.is_dir():
@@ -76,8 +76,8 @@ def _by_git(folder: Path) -> dict[str, str]:
     commit = _git(folder, "rev-parse", "HEAD")
     if commit is None:
         raise ConfigError(
-            f"detector.program.folder: {folder} is no git repository with a commit; name the files that are the program: "
-            "program: {folder: ..., files: [train.py, model/*.py]}"
+            f"detector.program.folder: {folder} is no git repository with a commit; name the files that are the "
+            "program: program: {folder: ..., files: [train.py, model/*.py]}"
         )
     changes = _git(folder, "diff", "HEAD", "--no-color", "--no-ext-diff") or b""
     new = (_git(folder, "ls-files", "--others", "--exclude-standard", "-z") or b"").split(b"\0")
