@@ -160,8 +160,10 @@ class Costs:
         stage, n_val = self._stages[folder.key]
         seconds = read_marker(folder, step).seconds
         if all(name in seconds for name in PURPOSES):
-            every = 1 if is_command(stage.config) else checkpoint_every(stage)
-            steps = stage.epoch_steps * every
+            if is_command(stage.config):  # which may write results of some epochs only
+                steps = step - max((s for s in folder.steps() if s < step), default=stage.start_step)
+            else:
+                steps = stage.epoch_steps * checkpoint_every(stage)
             rate = seconds["training"] / steps, (seconds["detection"] + seconds["scoring"]) / n_val
             self._rates.setdefault((_kind(stage), stage.name), []).append(rate)
             self._medians.clear()
