@@ -161,7 +161,9 @@ class Costs:
         seconds = read_marker(folder, step).seconds
         if all(name in seconds for name in PURPOSES):
             if is_command(stage.config):  # which may write results of some epochs only
-                steps = step - max((s for s in folder.steps() if s < step), default=stage.start_step)
+                steps = step - max(
+                    (s for s in folder.steps() if s < step), default=stage.start_step
+                )
             else:
                 steps = stage.epoch_steps * checkpoint_every(stage)
             rate = seconds["training"] / steps, (seconds["detection"] + seconds["scoring"]) / n_val

@@ -125,7 +125,9 @@ def of_command_stage(config: Config, whole: Config, has_parent: bool) -> Config:
     others = [name for text in texts for name in names_in(text, "detector")]
     others += [name for name in command.places(has_parent) if matches(name, BOOKKEEPING)]
     places = {name: value_at(whole, name) for name in others if has_key(whole, name)}
-    return {**kept, "detector": {**config["detector"], "places": places}}
+    # What is added where there is a parent is nothing to a stage that has none.
+    own = {"places": places} if has_parent else {"places": places, "from_parent": []}
+    return {**kept, "detector": {**config["detector"], **own}}
 
 
 def has_key(config: Mapping[str, Any], name: str) -> bool:
