@@ -33,6 +33,7 @@ COMMANDS = (
     "ui",
     "stage",
     "publish",
+    "import",
 )
 CONFIG_DIR = ("--config-dir", "-cd")
 TRAIN = "train"  # what runs where no command is named

@@ -18,6 +18,11 @@ def build_detector(config: Config) -> Detector:
     Raises:
         ConfigError: the config's ``detector`` or ``loss`` cannot be built, or is no detector.
     """
+    if not config.get("loss"):
+        raise ConfigError(
+            "loss: none is given; the detector's YAML must have one, such as "
+            "loss: {_target_: fl3d.losses.DetectionLoss, gamma: 0.0}"
+        )
     loss = build(config["loss"], "loss")
     detector = build(config["detector"], "detector", loss=loss)
     if not isinstance(detector, Detector):

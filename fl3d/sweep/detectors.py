@@ -14,6 +14,7 @@ from fl3d.config.settings import read_stage_settings
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config, Stage
+from fl3d.detectors.base import Detector
 from fl3d.inference.load import build_detector
 from fl3d.inference.precision import check_precision
 from fl3d.sweep.identity import leaves
@@ -75,7 +76,9 @@ def planned(config: Config) -> Planned:
     Raises:
         ConfigError: it cannot be found.
     """
-    return _Program(config) if is_command(config) else _Network(config)
+    if not is_command(config):
+        return _Network(config)
+    return _Imported(config) if config["detector"].get("imported") else _Program(config)
 
 
 class _Network(Planned):
@@ -112,8 +115,7 @@ class _Network(Planned):
         """Build the stage's network."""
         settings = read_stage_settings(stage.config)
         check_precision(settings.precision, device)
-        with torch.device("meta"):
-            detector = build_detector(stage.config)
+        detector = self._built(stage)
         if settings.compile:
             detector.compile_dense()
         frozen = [
@@ -124,6 +126,21 @@ class _Network(Planned):
             raise ConfigError(
                 f"schedule.stages: '{stage.name}' comes first, but nothing would have trained its {part}"
             )
+
+    def _built(self, stage: Stage) -> Detector:
+        """The stage's network; what the schedule changes for it may be what a class does not take."""
+        try:
+            with torch.device("meta"):
+                return build_detector(stage.config)
+        except ConfigError as error:
+            changed = self.config["schedule"]["stages"][stage.name].get("set") or {}
+            keys = ", ".join(key for key, _ in leaves(changed))
+            if not keys:
+                raise
+            raise ConfigError(
+                f"{error}; schedule.stages.{stage.name} sets {keys}: if that is not for this detector, choose a "
+                "schedule without it, such as schedule=from_scratch"
+            ) from None
 
     def unused(self, values: dict[str, Any]) -> str:
         """Keys that cannot change a result may differ."""
@@ -168,6 +185,30 @@ class _Program(Planned):
             f"{names}: swept, but no stage's command has {places}, so that its values would be one and the same "
             "training; add it to detector.run"
         )
+
+
+class _Imported(Planned):
+    """Results that were there before, see ``sweep.imported``: nothing is run."""
+
+    trainer_version = 0
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+
+    def info(self, data: DataInfo) -> DetectorInfo:
+        """It has one stage, which is done."""
+        stages = tuple(self.config["schedule"]["stages"])
+        return DetectorInfo(self.config["detector"]["name"], Command.VERSION, stages)
+
+    def check(self) -> None:
+        """All was checked when it was found."""
+
+    def check_stage(self, stage: Stage, device: str) -> None:
+        """All was checked when it was found."""
+
+    def unused(self, values: dict[str, Any]) -> str:
+        """Equal files were refused when they were found."""
+        return ""
 
 
 def _with_sections(keys: list[str]) -> list[str]:

@@ -57,6 +57,7 @@ class Command:
             ``steps`` within it; other groups are losses. None: progress is told by result folders alone.
         settle_seconds: for which result files must not change before they are read.
         grace_seconds: between asking it to end and ending it.
+        imported: whether its results were there before, and nothing is run.
     """
 
     VERSION: ClassVar[int] = 1  # raised when the same config would be run as another command
@@ -76,6 +77,7 @@ class Command:
     progress: str | None = None
     settle_seconds: float = 5.0
     grace_seconds: float = 10.0
+    imported: bool = False
 
     def lines(self, has_parent: bool) -> dict[str, Line]:
         """The texts that decide what a stage trains, by their keys."""
@@ -205,5 +207,7 @@ def trained_part(section: Mapping[str, Any]) -> Config:
 
 
 def reading_part(section: Mapping[str, Any]) -> Config:
-    """What of it decides which files its checkpoints are read from."""
+    """What of it decides which files its checkpoints are read from; imported ones are known by their digest."""
+    if section.get("imported"):
+        return {}
     return {key: section[key] for key in READS if key in section}

@@ -28,9 +28,12 @@ from fl3d.training.result_folders import (
     Numbers,
     ResultFolders,
     Settling,
+    check_frames,
     fingerprint,
+    is_complete,
     last_by_number,
     last_changed,
+    refuse_surplus,
 )
 from fl3d.training.running import StageRun
 from fl3d.training.templates import fill, fill_text
@@ -56,7 +59,6 @@ class CommandRun(StageRun):
             self.command.results,
             self.values,
             folder.work,
-            self.machine.val_ids,
             numbers,
             self.stage.epochs,
         )
@@ -71,6 +73,10 @@ class CommandRun(StageRun):
 
     def run(self) -> None:
         """Run the command to its end, unless an earlier start has brought it there."""
+        if self.command.imported:
+            raise TrainingError(
+                f"{self.stage.key}: it was imported, and is not whole; import it again"
+            )
         self._write_splits()
         self.folder.work.mkdir(exist_ok=True)
         wait_for_earlier(self.folder.command_exits, self.command.grace_seconds + PATIENCE_SECONDS)
@@ -187,10 +193,10 @@ class CommandRun(StageRun):
             files = fingerprint(path)
             if not has_ended and not self.settling.is_settled(path, files):
                 continue
-            if self.results.is_complete(files):
+            if is_complete(files, self.machine.val_ids):
                 self._keep(epoch, path, files)
             else:
-                self.results.check_surplus(path)  # a missing frame may still come
+                refuse_surplus(path, self.machine.val_ids)  # a missing frame may still come
 
     def _keep(self, epoch: int, path: Path, files: object) -> None:
         step = self.stage.start_step + epoch
@@ -235,7 +241,7 @@ class CommandRun(StageRun):
                 continue
             files = fingerprint(path)
             has_settled = ended - last_changed(files) > self.command.settle_seconds
-            if not (self.results.is_complete(files) and has_settled):
+            if not (is_complete(files, self.machine.val_ids) and has_settled):
                 path.rename(path.with_name(f"{path.name}.unfinished-{int(time.time())}"))
 
     def _check_exit(self, exits: list[Exit]) -> None:
@@ -268,7 +274,7 @@ class CommandRun(StageRun):
         }
         for epoch, path in unscored.items():
             if epoch == last or starts == 1:  # others may be of a start that was interrupted
-                self.results.check(path)
+                check_frames(path, self.machine.val_ids)
         if not found and not self.folder.steps():
             raise DataError(f"{self.results.nothing()}; {self._again()}", self.results.place())
         if not self.folder.marker(self.stage.end_step).exists():

@@ -46,7 +46,6 @@ class ResultFolders:
         pattern: of the folders, see ``Command.results``.
         values: of its places.
         root: what a relative pattern is relative to.
-        ids: of the validation frames.
         numbers: how its epochs are numbered.
         epochs: of the stage.
     """
@@ -56,17 +55,15 @@ class ResultFolders:
         pattern: str,
         values: Mapping[str, Any],
         root: Path,
-        ids: Sequence[str],
         numbers: Numbers,
         epochs: int,
     ) -> None:
         filled = fill_text(pattern, {**values, "epoch": _EPOCH}, _escaped)
         self.pattern = str(Path(glob.escape(str(root))) / filled)
         self.shown = self.pattern.replace(_EPOCH, "{epoch}")
-        self.ids = tuple(ids)
         self.numbers = numbers
         self.epochs = epochs
-        self._regex = re.compile(_regex(self.pattern))
+        self._regex = re.compile(pattern_regex(self.pattern, {_EPOCH: r"(\d+)"}))
 
     def find(self) -> dict[int, Path]:
         """The folders that are there, by epoch of the stage's own, from 1.
@@ -95,41 +92,6 @@ class ResultFolders:
                 )
         return found
 
-    def check(self, folder: Path) -> None:
-        """Refuse results of other frames than the validation frames.
-
-        Raises:
-            DataError: naming those that are missing, or too many.
-        """
-        there = {name for name, _, _ in fingerprint(folder)}
-        missing = [one for one in self.ids if f"{one}.txt" not in there]
-        if missing:
-            raise DataError(
-                f"has no file of {len(missing)} of the {len(self.ids)} validation frames: {_few(missing)}; the program "
-                "must write a file for each frame of {val_split}, an empty one where it finds nothing",
-                folder,
-            )
-        self.check_surplus(folder)
-
-    def check_surplus(self, folder: Path) -> None:
-        """Refuse results of frames that are none of the validation frames.
-
-        Raises:
-            DataError: naming them.
-        """
-        there = {name.removesuffix(".txt") for name, _, _ in fingerprint(folder)}
-        surplus = sorted(there - set(self.ids))
-        if surplus:
-            raise DataError(
-                f"has files of {len(surplus)} frames that are no validation frames: {_few(surplus)}; the program must "
-                "detect on the frames of {val_split}, and on no others",
-                folder,
-            )
-
-    def is_complete(self, files: Print) -> bool:
-        """Whether some files are those of the validation frames, each of them."""
-        return {name for name, _, _ in files} == {f"{one}.txt" for one in self.ids}
-
     def place(self) -> Path:
         """The innermost folder of the pattern that is there."""
         place = Path(self.shown.partition("{epoch}")[0] + "x").parent
@@ -142,6 +104,44 @@ class ResultFolders:
         place = self.place()
         names = sorted(f"{one.name}/" if one.is_dir() else one.name for one in place.iterdir())
         return f"no folder fits detector.results, {self.shown}; there is {_few(names) or 'nothing'} in {place}"
+
+
+def check_frames(folder: Path, ids: Sequence[str]) -> None:
+    """Refuse a result folder of other frames than the validation frames.
+
+    Args:
+        folder: of result files.
+        ids: of the validation frames.
+
+    Raises:
+        DataError: naming those that are missing, or too many.
+    """
+    there = {name for name, _, _ in fingerprint(folder)}
+    missing = [one for one in ids if f"{one}.txt" not in there]
+    if missing:
+        raise DataError(
+            f"has no file of {len(missing)} of the {len(ids)} validation frames: {_few(missing)}; there must be a file "
+            "for each frame of {val_split}, an empty one where nothing is found",
+            folder,
+        )
+    refuse_surplus(folder, ids)
+
+
+def refuse_surplus(folder: Path, ids: Sequence[str]) -> None:
+    """Refuse results of frames that are none of the validation frames; see ``check_frames``."""
+    there = {name.removesuffix(".txt") for name, _, _ in fingerprint(folder)}
+    surplus = sorted(there - set(ids))
+    if surplus:
+        raise DataError(
+            f"has files of {len(surplus)} frames that are no validation frames: {_few(surplus)}; results must be of "
+            "the frames of {val_split}, and of no others",
+            folder,
+        )
+
+
+def is_complete(files: Print, ids: Sequence[str]) -> bool:
+    """Whether some files are those of the validation frames, each of them."""
+    return {name for name, _, _ in files} == {f"{one}.txt" for one in ids}
 
 
 @dataclass
@@ -203,14 +203,19 @@ def _escaped(value: Any) -> str:
     return text if text == _EPOCH else glob.escape(text)
 
 
-def _regex(pattern: str) -> str:
-    """A glob pattern as a regular expression whose first group is the epoch's number."""
+def pattern_regex(pattern: str, marks: Mapping[str, str]) -> str:
+    """A glob pattern as a regular expression.
+
+    Args:
+        pattern: in which a character stands for each place.
+        marks: what fits the place of each such character.
+    """
     parts = re.findall(r"\*\*|\[[^\]]*\]|.", pattern, re.DOTALL)
-    known = {"**": ".*", "*": "[^/]*", "?": "[^/]", _EPOCH: r"(\d+)"}
+    known = {"**": ".*", "*": "[^/]*", "?": "[^/]", "[[]": r"\[", **marks}
     return "".join(
         known.get(part) or (part if part.startswith("[") and len(part) > 1 else re.escape(part))
         for part in parts
-    ).replace("[[]", r"\[")
+    )
 
 
 def _few(names: Sequence[str]) -> str:
