@@ -30,7 +30,8 @@ class Pillars(nn.Module):
         layers = []
         for i, (c_in, c_out, stride) in enumerate([(32, 48, 1), (48, 64, 2), (64, 64, 1), (64, 64, 1), (64, 64, 1)]):
             dilation = 2 if i == 3 else 1
-            layers += [nn.Conv2d(c_in, c_out, 3, stride, dilation, dilation, bias=False), nn.BatchNorm2d(c_out), nn.ReLU()]
+            layers.append(nn.Conv2d(c_in, c_out, 3, stride, dilation, dilation, bias=False))
+            layers += [nn.BatchNorm2d(c_out), nn.ReLU()]
         self.map = nn.Sequential(*layers)
         self.head = nn.Conv2d(64, 9, 1)
         nn.init.constant_(self.head.bias[0], -4.0)
@@ -129,7 +130,7 @@ def decode(output):
 def write(path, boxes, scores, to_cam, p2):
     """A KITTI result file; boxes outside the picture are left out."""
     lines = []
-    for (x, y, z, h, w, length, yaw), score in zip(boxes, scores):
+    for (x, y, z, h, w, length, yaw), score in zip(boxes, scores, strict=True):
         center = (to_cam @ [x, y, z, 1])[:3]
         ry = (-yaw - math.pi / 2 + math.pi) % (2 * math.pi) - math.pi
         turn = np.array([[math.cos(ry), 0, math.sin(ry)], [0, 1, 0], [-math.sin(ry), 0, math.cos(ry)]])
@@ -146,6 +147,7 @@ def write(path, boxes, scores, to_cam, p2):
 
 
 def main():
+    """Train, and write results and a checkpoint after every epoch."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name in ("--data", "--train", "--val", "--out"):
         parser.add_argument(name, required=True, type=Path)

@@ -19,6 +19,7 @@ OWN_PLACES = {
     "folder": "the stage's own folder",
     "program": "program.folder",
     "python": "the Python that runs fl3d",
+    "key": "the stage's own key, which no other has",
     "stage": "the stage's name",
     "data_root": "the KITTI folder",
     "train_split": "a file of the training frames' ids",
@@ -114,9 +115,9 @@ class Command:
             known = [name for name in own if name != "checkpoint"]
             check_names(line, f"detector.{key}", [*known, *keys])
         check_names(self.resume, "detector.resume", [*own, *keys])
-        check_names(self.checkpoint or "", "detector.checkpoint", ["stage", *keys])
+        check_names(self.checkpoint or "", "detector.checkpoint", ["key", "stage", "program", *keys])
         check_names(
-            self.results, "detector.results", ["epoch", "stage", "folder", "program", *keys]
+            self.results, "detector.results", ["epoch", "key", "stage", "folder", "program", *keys]
         )
         if names_in(self.results, "detector.results").count("epoch") != 1:
             raise ConfigError(

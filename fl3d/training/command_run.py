@@ -135,6 +135,7 @@ class CommandRun(StageRun):
             "folder": str(work),
             "program": self.section["program"]["folder"],
             "python": sys.executable,
+            "key": stage.key,
             "stage": stage.name,
             "data_root": str(self.machine.data_root),
             "train_split": str(self.folder.split("train").absolute()),
