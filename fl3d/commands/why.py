@@ -43,7 +43,9 @@ def run(arguments: list[str]) -> None:
     if DETECTOR not in swept:  # then it only says under which settings the sweep ran
         row = [word for word in row if not _is_detector(word)]
     row += [  # written out: loss.gamma=2
-        word for word in words if word.partition("=")[0] in swept - {DETECTOR} and is_one_value(word)
+        word
+        for word in words
+        if word.partition("=")[0] in swept - {DETECTOR} and is_one_value(word)
     ]
     values = {key: label_of(value) for key, (value,) in values_by_key(row).items()}
     explain(sweep, given.table, values, metrics[0])

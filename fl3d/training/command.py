@@ -115,7 +115,9 @@ class Command:
             known = [name for name in own if name != "checkpoint"]
             check_names(line, f"detector.{key}", [*known, *keys])
         check_names(self.resume, "detector.resume", [*own, *keys])
-        check_names(self.checkpoint or "", "detector.checkpoint", ["key", "stage", "program", *keys])
+        check_names(
+            self.checkpoint or "", "detector.checkpoint", ["key", "stage", "program", *keys]
+        )
         check_names(
             self.results, "detector.results", ["epoch", "key", "stage", "folder", "program", *keys]
         )
