@@ -63,10 +63,11 @@ def _with_config_dir(typed: list[str]) -> list[str]:
     """The arguments without ``--config-dir FOLDER``, which any command may have: the user's own YAMLs and modules.
 
     Raises:
-        ConfigError: it names no folder.
+        ConfigError: it names no folder, or there are two.
     """
     rest: list[str] = []
     words = iter(typed)
+    given = ""
     for word in words:
         option, _, folder = word.partition("=")
         if option not in CONFIG_DIR:
@@ -77,6 +78,9 @@ def _with_config_dir(typed: list[str]) -> list[str]:
             raise ConfigError(
                 f"{word}: which folder? It holds your own detector/NAME.yaml and the like"
             )
+        if given:
+            raise ConfigError(f"--config-dir {given} and {folder}: one folder alone can be given")
+        given = folder
         # Imported late: it brings Hydra along.
         importlib.import_module("fl3d.config.compose").search_also(Path(folder))
     return rest

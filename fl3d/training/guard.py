@@ -27,7 +27,8 @@ NO_PROGRAM = 127  # as shells say it
 def main(records: str, grace: float, command: list[str]) -> int:
     """Run the command to its end, or to its starter's."""
     with open(records, "a") as file:  # also a lock: one command at a time in a stage's folder
-        fcntl.flock(file, fcntl.LOCK_EX)
+        with contextlib.suppress(OSError):  # some file systems have no locks
+            fcntl.flock(file, fcntl.LOCK_EX)
         asked: list[int] = []
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGUSR2):
             signal.signal(number, lambda got, _: asked.append(got))

@@ -69,7 +69,8 @@ def _by_files(folder: Path, patterns: Any) -> dict[str, str]:
         names |= {path.relative_to(folder).as_posix() for path in fitting}
     content = {name: file_digest(folder / name) for name in sorted(names)}
     found = digest(content)[:16]
-    return {"digest": found, "about": f"{len(content)} files, digest {found}"}
+    count = f"{len(content)} file{'' if len(content) == 1 else 's'}"
+    return {"digest": found, "about": f"{count}, digest {found}"}
 
 
 def _by_git(folder: Path) -> dict[str, str]:

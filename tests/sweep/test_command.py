@@ -326,3 +326,28 @@ def test_a_program_that_does_not_listen_is_killed_with_all_it_started(
     assert not running(folder)
     (end,) = [json.loads(line) for line in folder.command_exits.read_text().splitlines()]
     assert (end["code"], end["by_fl3d"]) == (-signal.SIGKILL, True)
+
+
+def test_a_program_that_changes_while_it_runs_is_refused(make: Make, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    (copy / PROGRAM.name).write_text(PROGRAM.read_text())
+    run = " ".join(RUN) + " && echo >> {program}/example_program.py"
+    asked = {"folder": str(copy), "files": ["*.py"]}
+    sweep = make([["seed=0"]], schedule="from_scratch", run=run, program=asked, from_parent=[])
+    with pytest.raises(StageFailed, match="the program has changed while its command ran"):
+        run_small(sweep)
+
+
+def test_what_an_interrupted_start_left_half_written_is_put_aside(make: Make) -> None:
+    """The program goes on from its checkpoint, and never writes the earlier epoch's results again."""
+    sweep = make([["seed=0"]], schedule="from_scratch", run=[*RUN, "--fail-after=1"])
+    folder = only(sweep)
+    with pytest.raises(StageFailed):
+        run_small(sweep)
+    results = folder.work / "results" / "epoch_1" / "data"
+    assert not folder.steps()  # the program had ended with code 3, within the settling time
+    run_small(make([["seed=0"]], schedule="from_scratch", run=[*RUN, "--fail-after=1"]))
+    assert folder.steps() == [2]
+    assert not results.exists()
+    assert len(list(results.parent.glob("data.unfinished-*"))) == 1
