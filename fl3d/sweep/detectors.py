@@ -166,6 +166,7 @@ class _Program(Planned):
     def check(self) -> None:
         """Refuse keys of the schedule that no program was told of."""
         keys = [key for key, _ in leaves(self.config)]
+        keys += ["schedule.stage.epochs", "schedule.stage.lr_factor"]  # of whichever stage it is
         first = True
         for name, own in self.config["schedule"]["stages"].items():
             if own is None:
