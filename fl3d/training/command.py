@@ -31,6 +31,7 @@ OWN_PLACES = {
     "parent_checkpoint": "the last file of that stage that fits `checkpoint`",
     "checkpoint": "the last file of this stage that fits `checkpoint`; in `resume` alone",
 }
+PLACES_OF_RESULTS = ("epoch", "key", "stage", "folder", "program")
 PARENTS = ("parent", "parent_checkpoint")
 # What decides what is trained. The others say how it is watched, read and started again.
 TRAINS = ("run", "from_parent", "cwd", "env")
@@ -113,14 +114,12 @@ class Command:
         lines = self.lines(has_parent)
         for key, line in lines.items():
             known = [name for name in own if name != "checkpoint"]
-            check_names(line, f"detector.{key}", [*known, *keys])
-        check_names(self.resume, "detector.resume", [*own, *keys])
+            check_names(line, f"detector.{key}", known, keys)
+        check_names(self.resume, "detector.resume", own, keys)
         check_names(
             self.checkpoint or "", "detector.checkpoint", ["key", "stage", "program", *keys]
         )
-        check_names(
-            self.results, "detector.results", ["epoch", "key", "stage", "folder", "program", *keys]
-        )
+        check_names(self.results, "detector.results", PLACES_OF_RESULTS, keys)
         if names_in(self.results, "detector.results").count("epoch") != 1:
             raise ConfigError(
                 f"detector.results: '{self.results}' has no {{epoch}}; it is the place of the number that tells the "

@@ -46,6 +46,8 @@ class CommandRun(StageRun):
     """A command in this process's care."""
 
     def __init__(self, folder: RunFolder, lease: Lease, spec: Spec) -> None:
+        # The command runs in another folder, where a relative path would mean another place.
+        folder = RunFolder(folder.path.absolute())
         super().__init__(folder, lease, spec)
         self.section: Mapping[str, Any] = self.stage.config["detector"]
         self.command: Command = command_of(self.section)
@@ -129,7 +131,7 @@ class CommandRun(StageRun):
 
     def _values(self) -> dict[str, Any]:
         """Of all places that a command may have."""
-        stage, work = self.stage, self.folder.work.absolute()
+        stage, work = self.stage, self.folder.work
         values: dict[str, Any] = dict(_sections(stage.config)) | dict(self.section["places"])
         values |= {
             "folder": str(work),
@@ -138,8 +140,8 @@ class CommandRun(StageRun):
             "key": stage.key,
             "stage": stage.name,
             "data_root": str(self.machine.data_root),
-            "train_split": str(self.folder.split("train").absolute()),
-            "val_split": str(self.folder.split("val").absolute()),
+            "train_split": str(self.folder.split("train")),
+            "val_split": str(self.folder.split("val")),
             "epochs": stage.epochs,
             "start_epoch": stage.start_epoch,
             "end_epoch": stage.start_epoch + stage.epochs,
@@ -150,7 +152,7 @@ class CommandRun(StageRun):
                 raise CheckpointError(
                     f"{parent.path}: it has not ended, and this stage goes on from it"
                 )
-            values["parent"] = str(parent.work.absolute())
+            values["parent"] = str(parent.work)
             if self.command.checkpoint is not None:
                 values["parent_checkpoint"] = self._parents_checkpoint(parent, values)
         return values
@@ -253,7 +255,10 @@ class CommandRun(StageRun):
         """
         log = self.folder.command_log
         if not exits:
-            raise TrainingError(f"{self.stage.key}: its command left no exit code; see {log}")
+            raise TrainingError(
+                f"the last lines of its log:\n{_indented(tail(log))}\n"
+                f"{self.stage.key}: its command left no exit code; see {log}"
+            )
         if exits[-1].code != 0:
             raise TrainingError(
                 f"the last lines that the command printed:\n{_indented(tail(log))}\n"

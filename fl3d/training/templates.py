@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from fl3d.core.errors import ConfigError, options
+from fl3d.core.errors import ConfigError
 
 Line = str | Sequence[str]  # a line of bash, or a list of arguments
+# Sections of the config that few commands name; errors do not list their keys.
+FL3D_SECTIONS = (
+    *("augment", "compile", "data", "detections", "detector", "device", "precision", "profile"),
+    *("protocol", "results", "schedule", "selection", "store", "sweep", "workers"),
+)
 _PART = re.compile(r"\{\{|\}\}|\{([^{}]*)\}|[{}]")
 
 
@@ -38,15 +44,28 @@ def names_in(line: Line, where: str) -> list[str]:
     return list(found)
 
 
-def check_names(line: Line, where: str, known: Sequence[str]) -> None:
+def check_names(line: Line, where: str, own: Sequence[str], keys: Sequence[str] = ()) -> None:
     """Refuse places that have no value.
+
+    Args:
+        line: a text, or several.
+        where: key of the config, for errors.
+        own: names that have a value.
+        keys: of the config, which have one too; there are many.
 
     Raises:
         ConfigError: naming the place, and those that have one.
     """
     for name in names_in(line, where):
-        if name not in known:
-            raise ConfigError(f"{where}: no placeholder {{{name}}}. {options(name, known)}")
+        if name in own or name in keys:
+            continue
+        near = difflib.get_close_matches(name, [*own, *keys], n=1)
+        hint = f"Did you mean '{near[0]}'? " if near else ""
+        theirs = [key for key in keys if key.partition(".")[0] not in FL3D_SECTIONS]
+        more = "; or any other key of the config (--cfg job shows them)" if keys else ""
+        raise ConfigError(
+            f"{where}: no placeholder {{{name}}}. {hint}Possible: {', '.join([*own, *theirs])}{more}."
+        )
 
 
 def fill(line: Line, values: Mapping[str, Any]) -> str | list[str]:

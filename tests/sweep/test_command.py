@@ -68,8 +68,8 @@ def make(simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ma
         (own / "detector" / "fake.yaml").write_text(text)
         shared = [
             *("detector=fake", "profile=tiny", "data.generate=false", f"data.root={simulated}"),
-            *("schedule.epochs={warmup: 2, focal: 1, scratch: 2}", *words),
-            *(f"store.root={tmp_path / 'runs'}", f"results={tmp_path / 'results'}"),
+            "schedule.epochs={warmup: 2, focal: 1, scratch: 2}",
+            *(f"store.root={tmp_path / 'runs'}", f"results={tmp_path / 'results'}", *words),
         ]
         listed = [point_of(point, compose_config([*shared, *point])) for point in points]
         return prepare_sweep(Listed(listed))
@@ -178,6 +178,25 @@ def test_a_sweep_of_commands_has_scores_logs_and_exits(make: Make, simulated: Pa
     assert '"--gamma=2"' in folder.command_log.read_text()
     again = run_small(make())
     assert not again.outcome.trained
+
+
+def test_a_store_may_be_told_by_a_relative_path(
+    make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["store.root=here", "results=there"]
+    more = {"checkpoint": "last.json", "resume": ["--note={checkpoint}"]}
+    sweep = make(
+        [["seed=0"]], *words, schedule="from_scratch", run=[*RUN, "--fail-after=1"], **more
+    )
+    with pytest.raises(StageFailed, match="ended with code 3"):
+        run_small(sweep)
+    sweep = make(
+        [["seed=0"]], *words, schedule="from_scratch", run=[*RUN, "--fail-after=1"], **more
+    )
+    run_small(sweep)
+    work = tmp_path / "here" / "stages" / only(sweep).key / "work"
+    assert f"note: {work}/last.json" in only(sweep).command_log.read_text()
 
 
 def test_blanks_and_quotes_reach_the_program_as_they_are(make: Make) -> None:
