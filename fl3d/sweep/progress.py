@@ -93,6 +93,7 @@ class Progress:
         done = int(sum(steps_done(self.layout.run(stage.key), stage) for stage in stages))
         total = sum(stage.steps for stage in stages)
         names = ", ".join(running_labels(plan, running).values())
+        self.costs.learn()
         known = all(self.costs.cost(stage).is_known for stage in stages)
         left = tqdm.format_interval(self.seconds_left(plan, stopped)) if known else "?"
         if self.lines:
