@@ -27,6 +27,7 @@ import numpy as np
 
 from fl3d.config.compose import compose_config
 from fl3d.data.label_table import NAMES, LabelTable, read_table
+from fl3d.data.label_table import OTHER as OTHER_TYPE
 from fl3d.evaluation.average_precision import compare, evaluate
 from fl3d.evaluation.bootstrap import N_RESAMPLES, resampled_aps, unit_weights
 from fl3d.evaluation.folders import evaluate_folder, result_ids
@@ -129,7 +130,7 @@ def annotations(table: LabelTable) -> list[dict[str, np.ndarray]]:
         v = table.values[first:last]
         frames.append(
             {
-                "name": proper[table.types[first:last]],
+                "name": proper[np.minimum(table.types[first:last], OTHER_TYPE)],
                 "truncated": v[:, 0],
                 "occluded": v[:, 1],
                 "alpha": v[:, 2],

@@ -18,7 +18,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from fl3d.data.kitti import KittiFolder, read_lines
+from fl3d.data.kitti import KittiFolder
+from fl3d.data.splits import read_split
 from fl3d.data.voxels import Grid, occupancy, voxelize
 
 VOXELNET = Grid((0.0, -40.0, -3.0, 70.4, 40.0, 1.0), (0.2, 0.2, 0.4))
@@ -56,7 +57,7 @@ def main() -> None:
 def cloud(kitti: Path | None, frames: Path | None) -> NDArray[np.float32]:
     """Twenty thousand points: of a real frame, or of a simulated one."""
     if kitti is not None and frames is not None:
-        ids = [line.strip() for line in read_lines(frames) if line.strip()]
+        ids = read_split(frames)
         clouds = [KittiFolder(kitti).frame(i).points_velo for i in ids]
         return min(clouds, key=lambda c: abs(len(c) - 20_000))
     from fl3d.simulator.lidar import scan

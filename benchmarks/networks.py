@@ -33,7 +33,8 @@ import torch
 from torch import Tensor
 
 from fl3d.config.compose import compose_config
-from fl3d.data.kitti import KittiFolder, read_lines
+from fl3d.data.kitti import KittiFolder
+from fl3d.data.splits import read_split
 from fl3d.data.voxels import occupancy
 from fl3d.detectors import fcn3d, voxelnet
 from fl3d.detectors.base import Batch, Detector
@@ -65,7 +66,7 @@ def main() -> None:
     if arguments.one:
         print(json.dumps(measure(arguments.kitti, *arguments.one)))
         return
-    ids = [line.strip() for line in read_lines(arguments.frames) if line.strip()]
+    ids = read_split(arguments.frames)
     report: dict[str, Any] = {}
     for folder, chosen in places(arguments.kitti, ids, arguments.simulated):
         for size in arguments.sizes:

@@ -19,7 +19,8 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.kitti import Frame, KittiFolder, read_lines
+from fl3d.data.kitti import Frame, KittiFolder
+from fl3d.data.splits import read_split
 from fl3d.simulator.generate import Settings, generate
 from fl3d.simulator.hdl64 import ELEVATIONS, ORIGINS
 
@@ -42,7 +43,7 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, default=Path("sim_statistics.png"))
     arguments = parser.parse_args()
     kitti = KittiFolder(arguments.kitti)
-    ids = [line.strip() for line in read_lines(arguments.frames) if line.strip()]
+    ids = read_split(arguments.frames)
     with tempfile.TemporaryDirectory() as name:
         simulated = KittiFolder(generate(Path(name), Settings(arguments.simulated, 0, seed=1)))
         theirs = Collected.of(kitti, kitti.split("train"), ids)

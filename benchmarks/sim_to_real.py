@@ -29,7 +29,8 @@ import numpy as np
 from fl3d.config.compose import compose_config
 from fl3d.core.records import Stage
 from fl3d.data.dataset import Frames
-from fl3d.data.kitti import KittiFolder, read_lines
+from fl3d.data.kitti import KittiFolder
+from fl3d.data.splits import read_split
 from fl3d.evaluation.bootstrap import resampled_aps, unit_weights
 from fl3d.evaluation.detections import compare_stored, read_validation
 from fl3d.evaluation.protocol import Protocol
@@ -66,7 +67,7 @@ def main() -> None:
         "--overrides", nargs="*", default=[], help="more Hydra overrides of the simulated trials"
     )
     arguments = parser.parse_args()
-    ids = [line.strip() for line in read_lines(arguments.frames) if line.strip()]
+    ids = read_split(arguments.frames)
     bench = Bench(
         arguments.kitti.absolute(),
         arguments.work,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fl3d.config.seeds import spell_out_seeds
-from fl3d.core.errors import ConfigError, Fl3dError, options
+from fl3d.core.errors import ConfigError, Fl3dError, StageFailed, TrainingError, options
 
 # One thread a process: two processes of one thread are faster than one of two. The libraries read
 # this when they are loaded, so it is set before any command is imported.
@@ -27,6 +27,7 @@ COMMANDS = (
     "why",
     "verify",
     "clean",
+    "check",
     "evaluate",
     "simulate",
     "predict",
@@ -36,6 +37,9 @@ COMMANDS = (
     "import",
 )
 CONFIG_DIR = ("--config-dir", "-cd")
+MISTAKE = 2  # exit code of what was asked or given wrongly, as argparse's own
+FAILED = 1  # of what failed while it ran
+FAILURES = (StageFailed, TrainingError)
 TRAIN = "train"  # what runs where no command is named
 # Hydra's options.
 MULTIRUN = {"-m", "--multirun"}
@@ -54,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rest = _with_seeds(name, rest)
         importlib.import_module(f"fl3d.commands.{name}").run(rest)
     except Fl3dError as error:
-        sys.exit(f"fl3d: {error}")
+        raise ended(f"fl3d: {error}", FAILED if isinstance(error, FAILURES) else MISTAKE) from None
     except KeyboardInterrupt:
         sys.exit("\nfl3d: interrupted; run the same command to resume")
 
@@ -84,6 +88,14 @@ def _with_config_dir(typed: list[str]) -> list[str]:
         # Imported late: it brings Hydra along.
         importlib.import_module("fl3d.config.compose").search_also(Path(folder))
     return rest
+
+
+def ended(message: str, code: int) -> SystemExit:
+    """An exit that says its message on the error stream and has a code of its own."""
+    print(message, file=sys.stderr)
+    error = SystemExit(message)
+    error.code = code
+    return error
 
 
 def _split(typed: list[str]) -> tuple[str, list[str]]:

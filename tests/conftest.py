@@ -38,6 +38,12 @@ def eval_cases() -> Path:
 
 
 @pytest.fixture(scope="session")
+def odd_inputs() -> Path:
+    """Small inputs as people bring them, one a folder: of other forms than KITTI's, or broken."""
+    return _data("FL3D_ODD_INPUTS", "../shared/odd")
+
+
+@pytest.fixture(scope="session")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small simulated KITTI folder: 6 training and 4 validation frames."""
     from fl3d.simulator.generate import Settings, generate

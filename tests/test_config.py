@@ -174,7 +174,7 @@ def test_help_teaches() -> None:
 )
 def test_slips_are_answered_without_a_traceback(arguments: list[str], message: str) -> None:
     done = run(*arguments)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert "Error executing job" not in done.stderr

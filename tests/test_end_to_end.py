@@ -227,7 +227,7 @@ def test_tables_of_a_protocol_that_was_never_scored_are_refused(finished: tuple[
     done = subprocess.run(
         arguments, capture_output=True, text=True, cwd=ROOT, check=False, timeout=120
     )
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "no scores under protocol kitti-" in done.stderr
     assert tables(work) == before
 

@@ -76,7 +76,7 @@ def test_a_detector_and_a_loss_in_a_folder_of_the_users(simulated: Path, tmp_pat
     assert "scored now" in found.stdout, found.stderr
     kept = [word for word in words if "scratch" not in word]
     wrong = fl3d([*kept, "schedule=two_phase"], tmp_path)
-    assert wrong.returncode == 1
+    assert wrong.returncode == 2
     assert "schedule.stages.warmup sets loss.gamma" in wrong.stderr
     wrong = fl3d(["plan", "--config-dir", "mine", "detector=heigth_map"], tmp_path)
     assert "Did you mean 'height_map'?" in wrong.stderr

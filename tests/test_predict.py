@@ -3,11 +3,14 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from fl3d.core.errors import CheckpointError, DataError
+from fl3d.cli import main
+from fl3d.core.errors import CheckpointError, ConfigError, DataError
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.labels import read_labels
 from fl3d.inference.predict import predict
@@ -78,7 +81,7 @@ def test_what_is_not_there_is_refused(stage: Path, simulated: Path, tmp_path: Pa
         predict(tmp_path, simulated, tmp_path / "out")
     with pytest.raises(CheckpointError, match=r"no weights\. Possible: .*\.pt"):
         predict(stage / "checkpoints" / "00000001.pt", simulated, tmp_path / "out")
-    with pytest.raises(DataError, match=r"no cloud \(\*\.bin\)"):
+    with pytest.raises(DataError, match=r"no cloud \(\*\.bin, \*\.npy, \*\.pcd\)"):
         predict(stage, tmp_path, tmp_path / "out")
 
 
@@ -94,4 +97,85 @@ def test_a_checkpoint_of_another_version_says_of_which(
         CheckpointError, match=r"\.pt: made by another version of fl3d \(.*\), whose network"
     ):
         predict(old.path, simulated, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def copy(simulated: Path, tmp_path: Path) -> Path:
+    """A KITTI folder of two clouds."""
+    root = tmp_path / "kitti"
+    shutil.copytree(simulated, root)
+    for cloud in sorted((root / "training" / "velodyne").iterdir())[2:]:
+        cloud.unlink()
+    return root
+
+
+def result_texts(stage: Path, clouds: Path, out: Path, **more: Any) -> list[str]:
+    written = predict(stage, clouds, out, score=0.01, pictures=False, say=lambda _: None, **more)
+    return [path.read_text() for path in written]
+
+
+def test_clouds_of_every_form_give_the_same_results(
+    stage: Path, copy: Path, tmp_path: Path
+) -> None:
+    plain = result_texts(stage, copy, tmp_path / "plain")
+    first, second = sorted((copy / "training" / "velodyne").iterdir())
+    points = np.fromfile(first, dtype="<f4").reshape(-1, 4)
+    first.unlink()
+    np.save(first.with_suffix(".npy"), points)
+    wide = np.fromfile(second, dtype="<f4").reshape(-1, 4).astype("<f8") * [1, 1, 1, 255]
+    wide.tofile(second)
+    with pytest.raises(DataError, match=r"looks like float64.*give data\.cloud\.dtype=float64"):
+        result_texts(stage, copy, tmp_path / "refused")
+    np.save(first.with_suffix(".npy"), points * np.array([1, 1, 1, 255], dtype="<f4"))
+    reading = {"dtype": "float64", "reflectance_scale": 255}
+    told = result_texts(stage, copy, tmp_path / "told", reading=reading)
+    assert told == plain
+
+
+def test_labels_are_read_for_pictures_alone(stage: Path, copy: Path, tmp_path: Path) -> None:
+    for label in (copy / "training" / "label_2").iterdir():
+        label.write_text("no label")
+    assert len(result_texts(stage, copy, tmp_path / "out")) == 2
+    with pytest.raises(DataError, match=r"label_2/\d+\.txt:1: 15 fields expected, found 2"):
+        predict(stage, copy, tmp_path / "pictures", say=lambda _: None)
+
+
+def test_labels_of_any_case_and_a_jpg_are_drawn(stage: Path, copy: Path, tmp_path: Path) -> None:
+    pictures = copy / "training" / "image_2"
+    pictures.mkdir()
+    for label in (copy / "training" / "label_2").iterdir():
+        label.write_text(label.read_text().replace("Car 0.00 0", "car -1 4"))
+        Image.new("RGB", (1242, 375)).save(pictures / f"{label.stem}.jpg")
+    predict(stage, copy, tmp_path / "out", say=lambda _: None)
+    assert len(list((tmp_path / "out").glob("*.png"))) == 2
+
+
+def test_the_command_takes_the_keys_that_its_errors_name(
+    stage: Path, copy: Path, tmp_path: Path
+) -> None:
+    for cloud in (copy / "training" / "velodyne").iterdir():
+        np.fromfile(cloud, dtype="<f4").astype("<f8").tofile(cloud)
+    out = ["--out", str(tmp_path / "out"), "--no-pictures"]
+    words = ["predict", str(stage), str(copy), *out]
+    with pytest.raises(SystemExit, match=r"give data\.cloud\.dtype=float64"):
+        main(words)
+    main([*words, "data.cloud.dtype=float64", "data.image_size=[1242,375]"])
+    assert len(list((tmp_path / "out").glob("*.txt"))) == 2
+    for wrong, message in (
+        ("data.cloud.type=float64", r"no key 'data\.cloud\.type=float64'\. Did you mean 'data"),
+        ("data.cloud.columns=2", r"data\.cloud\.columns: 2, but"),
+        ("data.image_size=7", r"data\.image_size: 7, but"),
+    ):
+        with pytest.raises(SystemExit, match=message):
+            main([*words, wrong])
+
+
+def test_a_missing_folder_and_a_device_that_is_not_there_are_named(
+    stage: Path, simulated: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(DataError, match=r"nowhere: no such file or folder"):
+        predict(stage, tmp_path / "nowhere", tmp_path / "out")
+    with pytest.raises(ConfigError, match=r"--device mps: no such device"):
+        predict(stage, simulated, tmp_path / "out", device="mps")
     assert not (tmp_path / "out").exists()

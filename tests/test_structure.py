@@ -16,6 +16,7 @@ FLOORS = [
     {"data", "losses", "sparse", "points"},
     {"detectors", "evaluation"},
     {"simulator", "config", "store", "reports"},
+    {"check"},
     {"runs"},
     {"inference"},
     {"training"},
@@ -33,6 +34,8 @@ REPORTS_STAND_ON = {"core", "geometry", "data", "evaluation"}
 PURE = (
     "fl3d.evaluation.average_precision",
     "fl3d.evaluation.bootstrap",
+    "fl3d.evaluation.counts",
+    "fl3d.evaluation.levels",
     "fl3d.evaluation.matching",
     "fl3d.evaluation.overlaps",
     "fl3d.evaluation.protocol",

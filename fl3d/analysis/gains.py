@@ -50,6 +50,8 @@ def gains(samples: Samples, baseline: str) -> pd.DataFrame:
         for level, by_seed in own.items():
             front = {"group": group, "level": level, "seeds": len(set(by_seed) & set(base))}
             for place, (metric, difficulty) in enumerate(CELLS):
+                if any(np.isnan(one.values[place]).any() for one in by_seed.values()):
+                    continue  # a metric that the protocol does not have
                 for row in _cell_rows(by_seed, base, place):
                     cell = {"metric": metric, "difficulty": difficulty}
                     mark = {"marked": (level, place) in marked}

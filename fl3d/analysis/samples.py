@@ -27,7 +27,7 @@ class Resampled:
     """APs of one checkpoint, by ``CELLS`` and ``AVERAGES``.
 
     Args:
-        values: (9, 2) on the frames as they are.
+        values: (9, 2) on the frames as they are; NaN where the protocol has no such metric.
         draws: (R, 9, 2) in each resample.
     """
 
@@ -92,7 +92,12 @@ def resample(
     comparison: Comparison, units: NDArray[np.int64] | None, n_resamples: int
 ) -> Resampled:
     """APs of one checkpoint, see ``resample_sweep``."""
-    found = [resample_cell(comparison, cell, units, n_resamples) for cell in CELLS]
+    has = comparison.protocol.metrics
+    none = (np.full(len(AVERAGES), np.nan), np.full((n_resamples, len(AVERAGES)), np.nan))
+    found = [
+        resample_cell(comparison, cell, units, n_resamples) if cell[0] in has else none
+        for cell in CELLS
+    ]
     return Resampled(
         np.stack([values for values, _ in found]), np.stack([draws for _, draws in found], axis=1)
     )

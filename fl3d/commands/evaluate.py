@@ -2,26 +2,70 @@
 
 from __future__ import annotations
 
+import argparse
 import json
+import sys
 from pathlib import Path
+from typing import NoReturn
 
 from fl3d.commands.words import parser
 from fl3d.config.compose import CONF, compose_config
 from fl3d.config.settings import read_settings
-from fl3d.core.errors import ConfigError
+from fl3d.core.errors import ConfigError, Fl3dError
 from fl3d.core.files import write_text
-from fl3d.evaluation.average_precision import Curves, as_json
-from fl3d.evaluation.folders import curves_to_markdown, evaluate_folder
+from fl3d.evaluation.average_precision import as_json
+from fl3d.evaluation.folders import Evaluated, evaluate_folder
+from fl3d.evaluation.frames import MISSING
+from fl3d.evaluation.protocol import Protocol
+from fl3d.reports.counted import count_lines
+from fl3d.reports.evaluated import curves_to_markdown, heading
+from fl3d.reports.uncounted import warnings, why_nothing
+
+NOTHING = 2  # exit code where nothing could be evaluated
+EPILOG = """\
+what is printed where:
+  stdout: the table with the number of ground truths that count (n_gt), then the labels and results
+  that do not count and why, as Markdown to be pasted. stderr: warnings of what looks like a mistake
+  (angles in degrees, equal scores). Where nothing could be evaluated, stderr says why, stdout has no
+  table, and the exit code is 2.
+
+protocols:
+  kitti (today's practice), kitti_loose, paper, paper_strict and report follow KITTI's official
+  evaluator: an object counts by its height in the picture, its occlusion and its truncation.
+  lidar is fl3d's own and not to be held against KITTI's numbers: for labels without 2D boxes, and
+  for objects all around the sensor. It has no image metric; easy, moderate and hard are objects up
+  to 30, 50 and 70 m away, each level holding the one before. Detections further away than a level
+  reaches are no false alarms there. Its levels can be changed: 'limits=[20,40,60]', or
+  difficulty=none for a single level of all objects.
+"""
 
 
 def run(arguments: list[str]) -> None:
-    """Evaluate a folder of KITTI result files (NNNNNN.txt), whoever wrote them.
+    """Evaluate a folder of KITTI result files (FRAME.txt), whoever wrote them.
 
-    The rules are KITTI's official ones. The frames evaluated are those that have a result file; the
-    results are taken as they are.
+    The rules are KITTI's official ones. The results are taken as they are, neither cut nor suppressed.
+    An empty result file is a frame in which nothing was found; a frame without one is left out, unless
+    --missing says otherwise.
     """
+    given = _options().parse_intermixed_args(arguments)
+    protocol = _protocol(given.protocol, given.changes)
+    try:
+        found = evaluate_folder(given.labels, given.results, protocol, given.split, given.missing)
+    except Fl3dError as error:
+        _stop(str(error))
+    why = why_nothing(found)
+    _print(found, with_table=why is None)
+    if given.json:
+        _write_json(given.json, found)
+    if why is not None:
+        _stop(why)
+
+
+def _options() -> argparse.ArgumentParser:
     protocols = sorted(path.stem for path in (CONF / "protocol").glob("*.yaml"))
     options = parser("evaluate", run.__doc__)
+    options.epilog = EPILOG
+    options.formatter_class = argparse.RawDescriptionHelpFormatter
     options.add_argument(
         "labels",
         type=Path,
@@ -32,33 +76,67 @@ def run(arguments: list[str]) -> None:
         "results",
         type=Path,
         metavar="RESULTS",
-        help="folder of result files, one a frame",
+        help="folder of result files, one a frame, named as its label file",
+    )
+    options.add_argument(
+        "changes",
+        nargs="*",
+        metavar="KEY=VALUE",
+        help="values of the protocol, such as 'overlaps.Car=[0.7,0.5,0.5]'",
     )
     options.add_argument(
         "--protocol",
         default="kitti",
         choices=protocols,
-        help="overlaps and variant (default: kitti)",
+        help="overlaps, variant and what easy, moderate and hard go by (default: kitti); see below",
+    )
+    options.add_argument(
+        "--split",
+        type=Path,
+        metavar="FILE",
+        help="frames to evaluate, one a line, such as ImageSets/val.txt (default: all of LABELS)",
+    )
+    options.add_argument(
+        "--missing",
+        default=MISSING[0],
+        choices=MISSING,
+        help="frames without a result file are left out (skip, the default), or nothing was found in them (empty)",
     )
     options.add_argument(
         "--json",
         type=Path,
         metavar="FILE",
-        help="thresholds, counts, precisions and AP in full",
+        help="thresholds, counts, precisions and AP in full, and labels that do not count (ignored), by reason",
     )
-    given = options.parse_args(arguments)
-    config = compose_config([f"protocol={given.protocol}", "profile=paper"])
-    protocol = read_settings(config).protocol
-    curves, n_frames = evaluate_folder(given.labels, given.results, protocol)
-    rules = f"protocol {protocol.name} (variant {protocol.variant})"
-    print(f"{n_frames} frames, {rules}; AP in percent\n")
-    print(curves_to_markdown(curves))
-    if given.json:
-        _write_json(given.json, curves)
+    return options
 
 
-def _write_json(path: Path, curves: Curves) -> None:
+def _protocol(name: str, changes: list[str]) -> Protocol:
+    for word in changes:
+        if "=" not in word:
+            raise ConfigError(f"'{word}' is neither --option nor KEY=VALUE of the protocol")
+    words = [f"protocol.{word.removeprefix('protocol.')}" for word in changes]
+    return read_settings(compose_config([f"protocol={name}", "profile=paper", *words])).protocol
+
+
+def _print(found: Evaluated, with_table: bool) -> None:
+    print(f"{heading(found)}\n")
+    if with_table:
+        print(f"{curves_to_markdown(found.curves, found.protocol)}\n")
+    for line in count_lines(found):
+        print(line)
+    sys.stdout.flush()
+    for line in warnings(found):
+        print(f"fl3d: warning: {line}", file=sys.stderr)
+
+
+def _stop(why: str) -> NoReturn:
+    print(f"fl3d: {why}", file=sys.stderr)
+    sys.exit(NOTHING)
+
+
+def _write_json(path: Path, found: Evaluated) -> None:
     try:
-        write_text(path, json.dumps(as_json(curves)) + "\n")
+        write_text(path, json.dumps(as_json(found.curves, found.labels.ignored)) + "\n")
     except OSError as error:
         raise ConfigError(f"--json {path}: cannot be written ({error.strerror})") from None

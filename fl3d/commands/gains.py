@@ -35,6 +35,11 @@ def run(arguments: list[str]) -> None:
     if given.metric is not None and given.metric not in possible:
         raise ConfigError(f"--metric {given.metric}: {options(given.metric, possible)}")
     sweep = open_words(read_words(given.overrides))
+    if given.metric is not None and given.metric.split("/")[0] not in sweep.protocol.metrics:
+        raise ConfigError(
+            f"--metric {given.metric}: protocol {sweep.protocol.name} has no such metric, only "
+            f"{' and '.join(sweep.protocol.metrics)}"
+        )
     levels = levels_of(sweep)
     judged = judge_sweep(sweep)
     for table in tables_of_verdicts(judged, levels):

@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from fl3d.commands.words import parser
+from fl3d.config.compose import values_by_key
+from fl3d.core.errors import ConfigError
+from fl3d.core.errors import options as options_of
+from fl3d.data.pictures import checked_size
 from fl3d.inference.predict import predict
+
+KEYS = (
+    "data.cloud.columns",
+    "data.cloud.dtype",
+    "data.cloud.reflectance_scale",
+    "data.image_size",
+)
 
 
 def run(arguments: list[str]) -> None:
@@ -22,7 +35,13 @@ def run(arguments: list[str]) -> None:
     options.add_argument(
         "clouds",
         type=Path,
-        help="a .bin file, a folder of them, or a KITTI folder",
+        help="a file of a cloud (.bin, .npy, .pcd), a folder of them, or a KITTI folder",
+    )
+    options.add_argument(
+        "reading",
+        nargs="*",
+        metavar="KEY=VALUE",
+        help=f"how clouds are read, if not as in training: {', '.join(KEYS)} (docs/data.md)",
     )
     options.add_argument(
         "--out",
@@ -43,7 +62,7 @@ def run(arguments: list[str]) -> None:
     )
     options.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     options.add_argument("--no-pictures", action="store_true", help="write result files alone")
-    given = options.parse_args(arguments)
+    given = options.parse_intermixed_args(arguments)
     predict(
         given.checkpoint,
         given.clouds,
@@ -52,4 +71,22 @@ def run(arguments: list[str]) -> None:
         calibration=given.calib,
         device=given.device,
         pictures=not given.no_pictures,
+        reading=_reading(given.reading),
     )
+
+
+def _reading(words: Sequence[str]) -> dict[str, Any]:
+    """Values of the keys that say how clouds are read.
+
+    Raises:
+        ConfigError: a word is no such key with a value.
+    """
+    read: dict[str, Any] = {}
+    for word in words:
+        key = word.partition("=")[0]
+        if key not in KEYS or "=" not in word:
+            raise ConfigError(f"predict: no key '{word}'. {options_of(key, KEYS)}")
+        name = key.rpartition(".")[2]
+        *_, value = values_by_key([word])[key]
+        read[name] = checked_size(value) if name == "image_size" else value
+    return read

@@ -43,6 +43,10 @@ def run(arguments: list[str]) -> None:
         )
     sweep = open_words(read_words(words))
     scores = rescore(sweep, changes)
+    if f"ap_{given.metric}" not in scores:
+        raise ConfigError(
+            f"--metric {given.metric}: a protocol without the picture has no image metric"
+        )
     overlaps = " / ".join(f"{value:g}" for value in sweep.protocol.overlaps["Car"])
     print(f"Car, protocol {sweep.protocol.name}, overlaps {overlaps} (image / BEV / 3D)\n")
     for table in rescored_tables(scores, levels_of(sweep), list(changes), f"ap_{given.metric}"):

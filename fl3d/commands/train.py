@@ -14,6 +14,7 @@ from fl3d.config.compose import CONF, MAIN, check_overrides, own_folders
 from fl3d.config.objects import build
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, Fl3dError, StoreError
 from fl3d.core.records import Config
+from fl3d.inference.devices import check_device
 from fl3d.papers.registry import tables_named
 from fl3d.papers.results import write_sweep
 from fl3d.papers.stored import feeding
@@ -130,7 +131,10 @@ def train(
     """
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(line_buffering=True)
+    device = sweeper.base.get("device", "cpu")
+    check_device(device, "device=", is_here=False)
     built: Launcher = build(launcher, "hydra.launcher")
+    check_device(device, "device=", built.IS_HERE)
     built.open()  # it loads while the sweep is being planned
     prepared = prepare_sweep(sweeper)
     refuse_untold_rows(prepared)

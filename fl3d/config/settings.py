@@ -9,7 +9,10 @@ from typing import Any
 
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config
-from fl3d.evaluation.protocol import METRIC_NAMES, Protocol
+from fl3d.data.cloud_forms import CloudFormat
+from fl3d.data.kitti import KittiFolder
+from fl3d.data.pictures import checked_size
+from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import STAGES
 
 
@@ -28,6 +31,8 @@ class DataSettings:
         val_frames: likewise.
         crop: see ``data.kitti.KittiFolder``.
         calibration: likewise.
+        cloud: how clouds are read.
+        image_size: (width, height) in pixels of frames that have no picture; None: by their calibration.
         cache_frames: kept in memory by each process.
         mapping: folder of KITTI's mapping of frames to drives; None: ``mapping`` below ``root``.
     """
@@ -42,8 +47,14 @@ class DataSettings:
     val_frames: int | None
     crop: str
     calibration: str
+    cloud: CloudFormat
+    image_size: tuple[int, int] | None
     cache_frames: int
     mapping: Path | None
+
+    def folder(self, root: Path) -> KittiFolder:
+        """A KITTI folder, read as the config says."""
+        return KittiFolder(root, self.crop, self.calibration, self.cloud, self.image_size)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,6 +167,8 @@ class StageSettings:
         checkpoint_every: epochs between checkpoints.
         crop: see ``data.kitti.KittiFolder``.
         calibration: likewise.
+        cloud: likewise.
+        image_size: likewise.
         max_boxes: stored of each frame.
         min_score: of a stored box.
     """
@@ -167,8 +180,14 @@ class StageSettings:
     checkpoint_every: int
     crop: str
     calibration: str
+    cloud: CloudFormat
+    image_size: tuple[int, int] | None
     max_boxes: int
     min_score: float
+
+    def folder(self, root: Path) -> KittiFolder:
+        """A KITTI folder, read as the stage reads it."""
+        return KittiFolder(root, self.crop, self.calibration, self.cloud, self.image_size)
 
 
 def read_settings(config: Config) -> Settings:
@@ -180,11 +199,12 @@ def read_settings(config: Config) -> Settings:
     best_among = config["selection"]["stages"]
     if best_among not in STAGES:
         raise ConfigError(f"selection.stages: {options(best_among, STAGES)}")
+    protocol = Protocol(**config["protocol"])
     return Settings(
-        sweep=_sweep(config["sweep"]),
+        sweep=_sweep(config["sweep"], protocol),
         data=_data(config["data"]),
         store=_store(config["store"]),
-        protocol=Protocol(**config["protocol"]),
+        protocol=protocol,
         profile=config["profile"]["name"],
         best_among=best_among,
         results=Path(config["results"]),
@@ -204,26 +224,39 @@ def read_stage_settings(config: Config) -> StageSettings:
         checkpoint_every=config["schedule"]["checkpoint_every"],
         crop=config["data"]["crop"],
         calibration=config["data"]["calibration"],
+        cloud=CloudFormat(**config["data"].get("cloud", {})),
+        image_size=checked_size(config["data"].get("image_size")),
         max_boxes=config["detections"]["max_boxes"],
         min_score=config["detections"]["min_score"],
     )
 
 
+def stage_folder(config: Config, root: Path) -> KittiFolder:
+    """A KITTI folder, read as a stage's config says, whatever trains it."""
+    data = config["data"]
+    cloud = CloudFormat(**data.get("cloud", {}))
+    size = checked_size(data.get("image_size"))
+    return KittiFolder(root, data["crop"], data["calibration"], cloud, size)
+
+
 def _data(section: Mapping[str, Any]) -> DataSettings:
     paths = {key: section[key] for key in ("root", "mapping")}
-    return DataSettings(
-        **{**section, **{key: None if path is None else Path(path) for key, path in paths.items()}}
-    )
+    read: dict[str, Any] = {
+        key: None if path is None else Path(path) for key, path in paths.items()
+    }
+    read["cloud"] = CloudFormat(**section.get("cloud", {}))
+    read["image_size"] = checked_size(section.get("image_size"))
+    return DataSettings(**{**section, **read})
 
 
 def _store(section: Mapping[str, Any]) -> StoreSettings:
     return StoreSettings(**{**section, "root": Path(section["root"])})
 
 
-def _sweep(section: Mapping[str, Any]) -> SweepSettings:
+def _sweep(section: Mapping[str, Any], protocol: Protocol) -> SweepSettings:
     primary = section["primary"]
-    if f"ap_{primary}" not in METRIC_NAMES:
-        possible = [name.removeprefix("ap_") for name in METRIC_NAMES]
+    if f"ap_{primary}" not in protocol.metric_names:
+        possible = [name.removeprefix("ap_") for name in protocol.metric_names]
         raise ConfigError(
             f"sweep.primary: no metric '{primary}'. {options(str(primary), possible)}"
         )

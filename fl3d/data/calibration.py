@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.core.errors import DataError
 from fl3d.geometry.boxes import Array, Points, wrap
-
-_SHAPES = {"P2": (3, 4), "R0_rect": (3, 3), "Tr_velo_to_cam": (3, 4)}
 
 
 @dataclass(frozen=True)
@@ -94,70 +89,10 @@ MEAN = Calibration(
     ),
 )
 
-
-def read_calibration(path: Path) -> Calibration:
-    """Read one KITTI calibration file.
-
-    Raises:
-        DataError: a matrix is missing, has the wrong number of values, or a value is not a number.
-    """
-    found: dict[str, NDArray[np.float64]] = {}
-    for number, line in enumerate(read_lines(path), start=1):
-        name, _, rest = line.partition(":")
-        if name not in _SHAPES:
-            continue
-        shape = _SHAPES[name]
-        values = rest.split()
-        if len(values) != shape[0] * shape[1]:
-            raise DataError(
-                f"{name} needs {shape[0] * shape[1]} values, found {len(values)}", path, number
-            )
-        found[name] = np.array([finite(v, name, path, number) for v in values]).reshape(shape)
-    missing = [name for name in _SHAPES if name not in found]
-    if missing:
-        raise DataError(f"no line for {', '.join(missing)}", path)
-    return Calibration(**found)
-
-
-def write_calibration(
-    path: Path, calibration: Calibration, others: Mapping[str, NDArray[np.float64]] | None = None
-) -> None:
-    """Write a KITTI calibration file.
-
-    Args:
-        path: to write.
-        calibration: what fl3d uses.
-        others: P0, P1, P3 and Tr_imu_to_velo; a camera that is not given repeats the left colour camera.
-    """
-    rows = {f"P{i}": calibration.P2 for i in range(4)}
-    rows |= {"R0_rect": calibration.R0_rect, "Tr_velo_to_cam": calibration.Tr_velo_to_cam}
-    rows["Tr_imu_to_velo"] = np.eye(3, 4)
-    rows |= others or {}
-    lines = [
-        f"{name}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n"
-        for name, matrix in rows.items()
-    ]
-    path.write_text("".join(lines))
-
-
-def finite(text: str, field: str, path: Path, line: int) -> float:
-    """A field as a finite number, or a DataError that names file, line and field."""
-    try:
-        value = float(text.replace("_", "?"))  # Python would read 1_0 as 10
-    except ValueError:
-        raise DataError(f"field '{field}': '{text}' is not a number", path, line) from None
-    if not np.isfinite(value):
-        raise DataError(f"field '{field}': '{text}' is not finite", path, line)
-    return value
-
-
-def read_lines(path: Path) -> list[str]:
-    """Lines of a text file, or a DataError that says that it is missing or is not text."""
-    try:
-        return path.read_text(encoding="ascii").splitlines()
-    except FileNotFoundError:
-        raise DataError("no such file", path) from None
-    except UnicodeDecodeError as error:
-        raise DataError(
-            f"is not a text file ({error.reason} at byte {error.start})", path
-        ) from None
+# Of folders without a camera (`calibration: axes`): the LiDAR's axes renamed, x right, y down, z forward. The picture
+# has KITTI's focal length and 1242 x 375 pixels, with the LiDAR as its eye and its axis in the middle.
+AXES = Calibration(
+    P2=np.array([[721.5377, 0.0, 621.0, 0.0], [0.0, 721.5377, 187.5, 0.0], [0.0, 0.0, 1.0, 0.0]]),
+    R0_rect=np.eye(3),
+    Tr_velo_to_cam=np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0]]),
+)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
 from fl3d.data.kitti import Frame, KittiFolder
+from fl3d.data.label_parser import kitti_spelling
+from fl3d.data.labels import check_sizes
 from fl3d.geometry.boxes import count_points_inside
 
 
@@ -26,9 +28,15 @@ class TargetRule:
     min_points: int = 10
 
     def boxes_velo(self, frame: Frame) -> NDArray[np.float64]:
-        """Boxes to train on: (N, 7) ``boxes_velo``."""
+        """Boxes to train on: (N, 7) ``boxes_velo``.
+
+        Raises:
+            DataError: an object of the classes has no size.
+        """
+        classes = [kitti_spelling(name) for name in self.classes]
+        check_sizes(frame.labels, classes, frame.label_file)
         boxes = frame.calibration.boxes_to_velo(
-            frame.labels.boxes_cam[np.isin(frame.labels.types, self.classes)]
+            frame.labels.boxes_cam[np.isin(frame.labels.types, classes)]
         )
         enough = count_points_inside(frame.points_velo, boxes) >= self.min_points
         return boxes[enough]

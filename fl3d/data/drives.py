@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fl3d.core.errors import DataError
-from fl3d.data.calibration import read_lines
+from fl3d.data.text import read_lines
 
 FILES = ("train_rand.txt", "train_mapping.txt")
 
@@ -33,7 +33,7 @@ def read_drives(folder: Path, ids: Sequence[str]) -> list[str]:
     drives = [line.split() for line in read_lines(lines)]
     found = []
     for frame in ids:
-        is_known = frame.isdigit() and int(frame) < len(places)
+        is_known = frame.isdecimal() and int(frame) < len(places)
         place = places[int(frame)] if is_known else 0
         if not 1 <= place <= len(drives):
             raise DataError(f"no drive of frame {frame}: these are {len(places)} frames", order)
@@ -47,7 +47,7 @@ def read_drives(folder: Path, ids: Sequence[str]) -> list[str]:
 def _numbers(path: Path) -> list[int]:
     if not path.is_file():
         raise DataError("no such file; it belongs to KITTI's object development kit", path)
-    words = path.read_text().replace(",", " ").split()
+    words = " ".join(read_lines(path)).replace(",", " ").split()
     wrong = [word for word in words if not word.isdigit()]
     if wrong:
         raise DataError(f"'{wrong[0]}' is not a line number", path)

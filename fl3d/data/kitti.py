@@ -13,17 +13,24 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from fl3d.core.errors import DataError, DataMissing, options
-from fl3d.data.calibration import MEAN, Calibration, read_calibration, read_lines
+from fl3d.data.calibration import AXES, MEAN, Calibration
+from fl3d.data.calibration_files import read_calibration
+from fl3d.data.cloud_forms import CloudFormat
+from fl3d.data.clouds import Cloud, find_cloud, read_cloud
 from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
 from fl3d.data.labels import Labels, read_labels
+from fl3d.data.pictures import IMAGE_SIZE, find_picture, picture_size, size_without_picture
+from fl3d.data.splits import read_split
+from fl3d.data.text import is_there, read_bytes, unreadable
 
-IMAGE_SIZE = (1242, 375)  # pixels; where a frame has no picture
+__all__ = ["IMAGE_SIZE", "SPLIT_SIZES", "Frame", "KittiFolder"]
 # Frames of the splits that everybody uses: train and val are those of Chen et al., 3D object proposals for accurate
 # object class detection, NIPS 2015; trainval is all that have labels; sample_* are conf/data/kitti_sample.yaml's.
 SPLIT_SIZES = {"train": 3712, "val": 3769, "trainval": 7481, "sample_train": 22, "sample_val": 10}
+CROPS = ("image", "none")
+CALIBRATIONS = ("frame", "mean", "axes")
 _CLOUD_SAMPLE = 4096  # bytes at either end of a cloud that enter the digest
 
 
@@ -32,12 +39,13 @@ class Frame:
     """One frame.
 
     Args:
-        id: six digits.
+        id: its name, six digits in KITTI.
         points_velo: (N, 4) float32: x, y, z in metres, reflectance in 0..1.
         calibration: of this frame.
         labels: every object of the label file.
         image_size: (width, height) in pixels.
         image_boxes: (N, 5) cars that a 2D detector found: x1, y1, x2, y2 in pixels, score; None where none was run.
+        label_file: that the labels come from, for errors; None: from none.
     """
 
     id: str
@@ -46,6 +54,7 @@ class Frame:
     labels: Labels
     image_size: tuple[int, int]
     image_boxes: NDArray[np.float64] | None = None
+    label_file: Path | None = None
 
 
 class KittiFolder:
@@ -55,46 +64,67 @@ class KittiFolder:
         root: holds ``training`` and ``ImageSets``.
         crop: ``image`` keeps the points that project into the picture, ``none`` the whole sweep.
         calibration: ``frame`` reads each frame's own; ``mean`` uses the training set's mean for all, as the
-            paper's code does.
+            paper's code does; ``axes`` needs none: the camera's axes are the LiDAR's, renamed, for clouds without a
+            camera.
+        cloud: how clouds are read; None: as KITTI's.
+        image_size: (width, height) in pixels of frames that have no picture; None: by their calibration, see
+            ``pictures.size_without_picture``.
+
+    Raises:
+        DataError: a choice that does not exist, or a crop to the picture of no camera.
     """
 
-    def __init__(self, root: Path, crop: str = "image", calibration: str = "frame") -> None:
+    def __init__(
+        self,
+        root: Path,
+        crop: str = "image",
+        calibration: str = "frame",
+        cloud: CloudFormat | None = None,
+        image_size: tuple[int, int] | None = None,
+    ) -> None:
         for value, possible, key in (
-            (crop, ("image", "none"), "crop"),
-            (calibration, ("frame", "mean"), "calibration"),
+            (crop, CROPS, "crop"),
+            (calibration, CALIBRATIONS, "calibration"),
         ):
             if value not in possible:
                 raise DataError(
                     f"data.{key}: no choice '{value}'. {options(value, possible)}", root
                 )
+        if calibration == "axes" and crop == "image":
+            raise DataError(
+                "data.calibration=axes has no camera, so there is no picture to crop to: give data.crop=none",
+                root,
+            )
         self.root = root
         self.crop = crop
         self.calibration = calibration
+        self.cloud = cloud or CloudFormat()
+        self.without_picture = image_size
 
     def split(self, name: str) -> list[str]:
         """Frame ids of ``ImageSets/NAME.txt``, in file order.
 
         Raises:
             DataMissing: the file is (the message lists those present).
-            DataError: a line is no frame id.
+            DataError: a line is no frame's name, or a frame is there twice.
         """
         path = self.root / "ImageSets" / f"{name}.txt"
-        if not path.exists():
+        if not is_there(path):
             present = [p.stem for p in path.parent.glob("*.txt")]
             raise DataMissing(f"no such split. {options(name, present)}", path)
-        ids = []
-        for number, line in enumerate(read_lines(path), start=1):
-            text = line.strip()
-            if text and not (text.isdigit() and len(text) == 6):
-                raise DataError(f"'{text}' is not a frame id of six digits", path, number)
-            if text:
-                ids.append(text)
-        return ids
+        return read_split(path)
 
     def path(self, kind: str, frame_id: str) -> Path:
-        """Where a frame's file lies; ``kind`` is velodyne, label_2, calib or image_2."""
-        ending = {"velodyne": "bin", "image_2": "png"}.get(kind, "txt")
-        return self.root / "training" / kind / f"{frame_id}.{ending}"
+        """Where a frame's file lies; ``kind`` is velodyne, label_2, calib, image_2 or planes.
+
+        A cloud and a picture may have several endings: the first that is there, or else KITTI's.
+        """
+        folder = self.root / "training" / kind
+        if kind == "velodyne":
+            return find_cloud(folder, frame_id)
+        if kind == "image_2":
+            return find_picture(folder, frame_id) or folder / f"{frame_id}.png"
+        return folder / f"{frame_id}.txt"
 
     def frame(self, frame_id: str) -> Frame:
         """Read one frame.
@@ -104,13 +134,21 @@ class KittiFolder:
         """
         calibration = self.read_calibration(frame_id)
         size = self.image_size(frame_id)
-        points = read_cloud(self.path("velodyne", frame_id))
+        points = self.read_cloud(frame_id).points_velo
         if self.crop == "image":
             points = points[calibration.in_image(points, size)]
         found = (
             None if self.image_boxes is None else self.image_boxes.get(frame_id, np.zeros((0, 5)))
         )
-        return Frame(frame_id, points, calibration, self.read_labels(frame_id), size, found)
+        return Frame(
+            frame_id,
+            points,
+            calibration,
+            self.read_labels(frame_id),
+            size,
+            found,
+            self.path("label_2", frame_id),
+        )
 
     @cached_property
     def image_boxes(self) -> ImageBoxes | None:
@@ -121,19 +159,29 @@ class KittiFolder:
         """Labels of one frame, without its cloud."""
         return read_labels(self.path("label_2", frame_id))
 
+    def read_cloud(self, frame_id: str) -> Cloud:
+        """Cloud of one frame, not cropped."""
+        return read_cloud(self.path("velodyne", frame_id), self.cloud)
+
     def read_calibration(self, frame_id: str) -> Calibration:
-        """Calibration of one frame, or the mean one."""
-        return (
-            MEAN if self.calibration == "mean" else read_calibration(self.path("calib", frame_id))
-        )
+        """Calibration of one frame, or that of all."""
+        if self.calibration == "frame":
+            return read_calibration(self.path("calib", frame_id))
+        return AXES if self.calibration == "axes" else MEAN
 
     def image_size(self, frame_id: str) -> tuple[int, int]:
-        """(width, height) of the frame's picture, or KITTI's usual size where there is none."""
-        path = self.path("image_2", frame_id)
-        if not path.exists():
-            return IMAGE_SIZE
-        with Image.open(path) as image:
-            return image.size
+        """(width, height) of the frame's picture; where there is none, as told, or by its calibration.
+
+        Raises:
+            DataError: the picture is broken, or without one the calibration tells no size.
+        """
+        picture = find_picture(self.root / "training" / "image_2", frame_id)
+        if picture is not None:
+            return picture_size(picture)
+        if self.without_picture is not None:
+            return self.without_picture
+        calibration = self.read_calibration(frame_id)
+        return size_without_picture(calibration, self.path("calib", frame_id))
 
     def image_digest(self, frame_ids: Iterable[str]) -> str | None:
         """Identity of what a 2D detector found in some frames; None where none was run."""
@@ -151,46 +199,31 @@ class KittiFolder:
 
         Labels, calibrations and the pictures' sizes (they decide the crop) enter in full; of
         a cloud its size and both ends (a full KITTI has 14 GB of clouds), so a change in a cloud's middle that keeps
-        its size goes unnoticed.
+        its size goes unnoticed. How clouds are read enters where it is not as KITTI's.
         """
         digest = hashlib.sha256()
+        if self.cloud != CloudFormat():
+            digest.update(f"{self.cloud} ".encode())
+        if self.calibration == "axes":
+            digest.update(b"axes ")
+        kinds = ("label_2",) if self.calibration == "axes" else ("label_2", "calib")
         for frame_id in frame_ids:
             digest.update(f"{frame_id} {self.image_size(frame_id)} ".encode())
-            for kind in ("label_2", "calib"):
-                content = _read_bytes(self.path(kind, frame_id))
+            for kind in kinds:
+                content = read_bytes(self.path(kind, frame_id))
                 digest.update(f"{len(content)} ".encode() + content)
-            cloud = self.path("velodyne", frame_id)
-            if not cloud.exists():
-                raise DataMissing("no such file", cloud)
-            size = cloud.stat().st_size
-            digest.update(str(size).encode())
-            with cloud.open("rb") as file:
-                digest.update(file.read(_CLOUD_SAMPLE))
-                file.seek(max(0, size - _CLOUD_SAMPLE))
-                digest.update(file.read(_CLOUD_SAMPLE))
+            size, ends = _ends(self.path("velodyne", frame_id))
+            digest.update(str(size).encode() + ends)
         return digest.hexdigest()[:16]
 
 
-def read_cloud(path: Path) -> NDArray[np.float32]:
-    """Read a velodyne file: (N, 4) float32 x, y, z, reflectance.
-
-    Raises:
-        DataError: missing, cut off within a point, or a coordinate is not finite.
-    """
-    raw = _read_bytes(path)
-    if len(raw) % 16:
-        raise DataError(
-            f"{len(raw)} bytes are not a whole number of points of 16 bytes; cut off?", path
-        )
-    points: NDArray[np.float32] = np.frombuffer(raw, dtype="<f4").reshape(-1, 4)
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.all():
-        raise DataError(f"point {int(np.argmin(finite))} is not finite", path)
-    return points
-
-
-def _read_bytes(path: Path) -> bytes:
+def _ends(cloud: Path) -> tuple[int, bytes]:
+    """A cloud's size, and its first and last bytes."""
     try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise DataMissing("no such file", path) from None
+        with cloud.open("rb") as file:
+            size = cloud.stat().st_size
+            first = file.read(_CLOUD_SAMPLE)
+            file.seek(max(0, size - _CLOUD_SAMPLE))
+            return size, first + file.read(_CLOUD_SAMPLE)
+    except OSError as error:
+        raise unreadable(cloud, error) from None

@@ -10,23 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
-from fl3d.data.calibration import finite, read_lines
+from fl3d.data.label_parser import TYPES, kitti_spelling, parse_files
+from fl3d.data.text import read_lines
 
-FIELDS = (
-    *("type", "truncated", "occluded", "alpha", "x1", "y1", "x2", "y2"),
-    *("height", "width", "length", "x", "y", "z", "rotation_y", "score"),
-)
-TYPES = (
-    "Car",
-    "Van",
-    "Truck",
-    "Pedestrian",
-    "Person_sitting",
-    "Cyclist",
-    "Tram",
-    "Misc",
-    "DontCare",
-)
+__all__ = [
+    "TYPES",
+    "Labels",
+    "check_sizes",
+    "joined",
+    "labels_from_columns",
+    "read_labels",
+    "write_labels",
+]
 
 
 @dataclass(frozen=True)
@@ -34,9 +29,9 @@ class Labels:
     """The objects of one label or result file, in file order.
 
     Args:
-        types: (N,) names such as ``Car``.
-        truncated: (N,) 0 to 1.
-        occluded: (N,) 0 visible, 1 partly, 2 largely, 3 unknown.
+        types: (N,) names such as ``Car``, KITTI's own as it spells them.
+        truncated: (N,) 0 to 1; what others write is kept.
+        occluded: (N,) 0 visible, 1 partly, 2 largely, 3 unknown; what others write is kept.
         alpha: (N,) observation angle in radians; -10 where there is none.
         boxes_image: (N, 4).
         boxes_cam: (N, 7).
@@ -87,58 +82,60 @@ def labels_from_columns(types: list[str], values: NDArray[np.float64], scored: b
 
 
 def read_labels(path: Path, scored: bool = False) -> Labels:
-    """Read a KITTI label file (15 fields a line) or, ``scored``, a result file (16 fields).
+    """Read a KITTI label file (15 fields a line or more) or, ``scored``, a result file (16 or more).
 
     Raises:
-        DataError: names the file, line and field of anything that is missing, is not a finite number, or, in a
-            label, is no value that KITTI has.
+        DataError: names the file, line and field of anything that is missing or is not a finite number.
     """
-    types: list[str] = []
-    lines: list[int] = []
-    rows: list[list[float]] = []
-    wanted = 16 if scored else 15
-    for number, line in enumerate(read_lines(path), start=1):
-        fields = line.split()
-        if not fields:
-            continue
-        if len(fields) < wanted:
-            raise DataError(f"{wanted} fields expected, found {len(fields)}", path, number)
-        types.append(fields[0])
-        rows.append(
-            [finite(f, FIELDS[i], path, number) for i, f in enumerate(fields[1:wanted], start=1)]
-        )
-        lines.append(number)
-    values = np.array(rows, dtype=np.float64).reshape(len(rows), wanted - 1)
-    labels = labels_from_columns(types, values, scored)
-    if not scored:
-        _check(labels, lines, path)
-    return labels
+    found = parse_files([path], scored)
+    spelled = (*TYPES, *found.others)
+    types = [spelled[code] for code in found.types.tolist()]
+    return labels_from_columns(types, found.values[:, : 15 if scored else 14], scored)
 
 
-def _check(labels: Labels, lines: list[int], path: Path) -> None:
-    """Refuse label values that KITTI does not have; a region to be ignored (DontCare) has no values."""
-    real = np.char.lower(labels.types) != "dontcare" if len(labels) else np.zeros(0, dtype=bool)
-    rules = (
-        ("truncated", "lie in 0 to 1", (labels.truncated < 0) | (labels.truncated > 1)),
-        ("occluded", "be 0, 1, 2 or 3", (labels.occluded < 0) | (labels.occluded > 3)),
-        ("height, width, length", "be above 0", (labels.boxes_cam[:, 3:6] <= 0).any(axis=1)),
-    )
-    for field, must, wrong in rules:
-        if (wrong & real).any():
-            raise DataError(
-                f"field '{field}' must {must}", path, lines[int(np.argmax(wrong & real))]
-            )
+def check_sizes(labels: Labels, types: Sequence[str], path: Path | None) -> None:
+    """Refuse objects without a size among those of some types; others may be without one.
+
+    Args:
+        labels: all of a file, in file order.
+        types: that are trained on.
+        path: the file; None: they come from no file.
+
+    Raises:
+        DataError: a height, width or length is not above 0; names its line.
+    """
+    wrong = (labels.boxes_cam[:, 3:6] <= 0).any(axis=1) & np.isin(labels.types, types)
+    if not wrong.any():
+        return
+    row = int(np.argmax(wrong))
+    what = f"field 'height, width, length' of a {labels.types[row]} must be above 0"
+    if path is None:
+        raise DataError(what, "labels")
+    lines = [n for n, line in enumerate(read_lines(path), start=1) if line.strip()]
+    raise DataError(what, path, lines[row])
 
 
 def write_labels(path: Path, labels: Labels) -> None:
-    """Write a label file, or a result file where there are scores: two decimals as KITTI, scores in full."""
+    """Write a label file, or a result file where there are scores: two decimals as KITTI, scores in full.
+
+    KITTI's own values alone are written: truncated 0 to 1, occluded 0 to 3, and its spelling of its classes.
+    """
     lines = []
     for i in range(len(labels)):
         x, y, z, h, w, length, ry = labels.boxes_cam[i]
         numbers = [*labels.boxes_image[i], h, w, length, x, y, z, ry]
-        line = f"{labels.types[i]} {labels.truncated[i]:.2f} {labels.occluded[i]:d} {labels.alpha[i]:.2f} "
+        name, truncated, occluded = _strict(labels, i)
+        line = f"{name} {truncated:.2f} {occluded:d} {labels.alpha[i]:.2f} "
         line += " ".join(f"{v:.2f}" for v in numbers)
         if labels.scores is not None:
             line += f" {labels.scores[i]:.9g}"
         lines.append(line + "\n")
-    path.write_text("".join(lines))
+    path.write_text("".join(lines), encoding="utf-8")
+
+
+def _strict(labels: Labels, row: int) -> tuple[str, float, int]:
+    """Type, truncation and occlusion as KITTI has them; -1 where it has none, of DontCare."""
+    name = kitti_spelling(str(labels.types[row]))
+    if name == "DontCare":
+        return name, labels.truncated[row], labels.occluded[row]
+    return name, np.clip(labels.truncated[row], 0, 1), np.clip(labels.occluded[row], 0, 3)

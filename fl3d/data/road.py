@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from fl3d.core.errors import DataError
-from fl3d.data.calibration import finite, read_lines
 from fl3d.data.kitti import Frame, KittiFolder
+from fl3d.data.text import finite, read_lines
 from fl3d.geometry.boxes import Array, Points
 
 ROADS = ("fitted", "planes")

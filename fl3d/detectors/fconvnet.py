@@ -15,6 +15,7 @@ from torch import Tensor
 
 from fl3d.core.errors import DataError
 from fl3d.data.kitti import Frame
+from fl3d.data.labels import check_sizes
 from fl3d.detectors.base import Batch, Detector, Found, Sample
 from fl3d.detectors.frustum_net import FrustumNet
 from fl3d.detectors.frustum_samples import ACROSS, BoxView, FrustumView, Jitter, cloud_velo
@@ -106,6 +107,7 @@ class FConvNet(Detector):
 
     def _encode_objects(self, frame: Frame, rng: np.random.Generator) -> Sample:
         """As many of a frame's objects as are drawn, some of them more than once."""
+        check_sizes(frame.labels, ("Car",), frame.label_file)
         cars = frame.labels.types == "Car"
         if self.refine is None:
             cars &= (

@@ -12,15 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.core.errors import ConfigError, options
-from fl3d.data.label_table import NAMES, LabelTable
-from fl3d.evaluation.matching import Matches, match_frames, recall_thresholds, sort_matches
+from fl3d.data.label_table import LabelTable
+from fl3d.evaluation.levels import (
+    Reason,
+    detection_flags,
+    ground_truth_flags,
+    ignored_at,
+    is_far,
+    reasons,
+)
+from fl3d.evaluation.matching import Flags, Matches, match_frames, recall_thresholds, sort_matches
 from fl3d.evaluation.overlaps import Overlaps, find_overlaps
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS, Protocol
 
-MIN_HEIGHT = (40, 25, 25)  # pixels; easy, moderate, hard
-MAX_OCCLUSION = (0, 1, 2)
-MAX_TRUNCATION = (0.15, 0.30, 0.50)
-NEIGHBOURS = {"car": "van", "pedestrian": "person_sitting"}  # matched, never counted
 N_SAMPLES = 41
 NO_ANGLE = -10.0  # one detection with this observation angle switches orientation off for all
 
@@ -67,6 +71,18 @@ def average_r40(precision: NDArray[np.float64]) -> float:
     return float(precision[1:].sum() / 40 * 100)
 
 
+def most_possible(n_gt: int) -> tuple[float, float]:
+    """R11 and R40 of a detector that finds all of so many ground truths and nothing else, in percent.
+
+    Each recall sample needs a hit of its own, so fewer ground truths than samples cannot reach 100.
+    """
+    once = np.ones(n_gt, dtype=np.int64)
+    reached = recall_thresholds(np.zeros(n_gt), once, n_gt) if n_gt else np.zeros(0)
+    precision = np.zeros(N_SAMPLES)
+    precision[: len(reached)] = 1
+    return average_r11(precision), average_r40(precision)
+
+
 Curves = dict[str, dict[str, dict[str, Curve]]]
 
 
@@ -80,6 +96,7 @@ class Comparison:
         protocol: overlaps and variant.
         beyond: (G,) ground truths to be ignored whatever their class.
         overlaps: of all pairs.
+        points: (G,) points of the LiDAR on each ground truth, where the protocol goes by them.
     """
 
     gt: LabelTable
@@ -87,6 +104,7 @@ class Comparison:
     protocol: Protocol
     beyond: NDArray[np.bool_]
     overlaps: Overlaps
+    points: NDArray[np.int64] | None = None
 
     def matches(self, name: str, metric: str, difficulty: str) -> Matches:
         """Matches of one class, metric and difficulty.
@@ -100,29 +118,51 @@ class Comparison:
             raise ConfigError(
                 f"protocol.overlaps: no class '{name}'. {options(name, self.protocol.overlaps)}"
             )
-        m, level = METRICS.index(metric), DIFFICULTIES.index(difficulty)
-        minimum = self.protocol.overlaps[name][m]
-        # DontCare has no 3D box, so it excuses false alarms in the image alone.
-        excused = (
-            self.overlaps.dontcare > minimum
-            if metric == "image"
-            else np.zeros(len(self.det.types), dtype=bool)
-        )
+        if metric not in self.protocol.metrics:
+            raise ConfigError(
+                f"protocol {self.protocol.name} has no metric '{metric}'. "
+                f"{options(metric, self.protocol.metrics)}"
+            )
+        m = METRICS.index(metric)
+        of_gt, of_det, excused = self.flags(name, metric, difficulty)
         found = match_frames(
             self.gt.offsets,
             self.det.offsets,
             self.overlaps.offsets,
             self.overlaps.detection,
             self.overlaps.values[m],
-            ground_truth_flags(self.gt, name.lower(), level, self.protocol.variant, self.beyond),
-            detection_flags(self.det, name.lower(), level),
+            of_gt,
+            of_det,
             np.ascontiguousarray(self.det.scores),
             excused,
             np.ascontiguousarray(self.gt.values[:, 2]),
             np.ascontiguousarray(self.det.values[:, 2]),
-            minimum,
+            self.protocol.overlaps[name][m],
         )
         return sort_matches(*found)
+
+    def flags(
+        self, name: str, metric: str, difficulty: str
+    ) -> tuple[Flags, Flags, NDArray[np.bool_]]:
+        """What counts of one class, metric and difficulty.
+
+        Returns:
+            of ground truths (G,) and of detections (D,) 0 counts, 1 is ignored, -1 is not there; and which detections
+            are no false alarms although they hit nothing (D,).
+        """
+        m, level = METRICS.index(metric), DIFFICULTIES.index(difficulty)
+        why = reasons(self.gt, level, self.protocol, self.beyond, self.points)
+        # DontCare has no 3D box, so it excuses false alarms in the image alone.
+        excused = (
+            self.overlaps.dontcare > self.protocol.overlaps[name][m]
+            if metric == "image"
+            else is_far(self.det, level, self.protocol)
+        )
+        return (
+            ground_truth_flags(self.gt, name.lower(), ignored_at(why, len(self.gt.types))),
+            detection_flags(self.det, name.lower(), level, self.protocol),
+            excused,
+        )
 
     def curve(self, name: str, metric: str, difficulty: str) -> Curve:
         """Precision and recall of one class, metric and difficulty."""
@@ -131,7 +171,11 @@ class Comparison:
 
 
 def compare(
-    gt: LabelTable, det: LabelTable, protocol: Protocol, beyond: NDArray[np.bool_] | None = None
+    gt: LabelTable,
+    det: LabelTable,
+    protocol: Protocol,
+    beyond: NDArray[np.bool_] | None = None,
+    points: NDArray[np.int64] | None = None,
 ) -> Comparison:
     """Hold detections against ground truths.
 
@@ -140,6 +184,7 @@ def compare(
         det: detections of the same frames, already cut and suppressed.
         protocol: overlaps and variant.
         beyond: (G,) ground truths to be ignored whatever their class; None: none.
+        points: (G,) points of the LiDAR on each, where the protocol goes by them.
 
     Raises:
         ConfigError: the numbers of frames differ.
@@ -147,11 +192,11 @@ def compare(
     if len(gt) != len(det):
         raise ConfigError(f"{len(gt)} frames of labels but {len(det)} of detections")
     ignored = np.zeros(len(gt.types), dtype=bool) if beyond is None else beyond
-    return Comparison(gt, det, protocol, ignored, find_overlaps(gt, det))
+    return Comparison(gt, det, protocol, ignored, find_overlaps(gt, det), points)
 
 
 def evaluate(comparison: Comparison, classes: Sequence[str] | None = None) -> Curves:
-    """All curves of a comparison: ``curves[class][metric][difficulty]``.
+    """All curves of a comparison, of the protocol's metrics: ``curves[class][metric][difficulty]``.
 
     Args:
         comparison: see ``compare``.
@@ -160,7 +205,7 @@ def evaluate(comparison: Comparison, classes: Sequence[str] | None = None) -> Cu
     return {
         name: {
             metric: {level: comparison.curve(name, metric, level) for level in DIFFICULTIES}
-            for metric in METRICS
+            for metric in comparison.protocol.metrics
         }
         for name in (comparison.protocol.overlaps if classes is None else classes)
     }
@@ -192,42 +237,32 @@ def _samples(part: NDArray[np.generic], whole: NDArray[np.int64]) -> NDArray[np.
     return samples
 
 
-def ground_truth_flags(
-    gt: LabelTable, name: str, level: int, variant: str, beyond: NDArray[np.bool_]
-) -> NDArray[np.int8]:
-    """0 counts, 1 ignored, -1 not there: (G,) for a class and difficulty."""
-    height = gt.values[:, 6] - gt.values[:, 4]
-    low = height < MIN_HEIGHT[level] if variant == "A" else height <= MIN_HEIGHT[level]
-    hard = (
-        (gt.values[:, 1] > MAX_OCCLUSION[level])
-        | (gt.values[:, 0] > MAX_TRUNCATION[level])
-        | low
-        | beyond
-    )
-    flags = np.full(len(gt.types), -1, dtype=np.int8)
-    own = gt.types == NAMES.index(name)
-    flags[own] = np.where(hard[own], 1, 0)
-    if name in NEIGHBOURS:
-        flags[gt.types == NAMES.index(NEIGHBOURS[name])] = 1
-    return flags
+def as_json(
+    curves: Curves, ignored: Mapping[str, Mapping[str, Mapping[Reason, int]]] | None = None
+) -> dict[str, Mapping[str, object]]:
+    """Curves as plain values: thresholds, counts, 41 precisions and both APs, in full doubles.
 
-
-def detection_flags(det: LabelTable, name: str, level: int) -> NDArray[np.int8]:
-    """0 counts, 1 ignored, -1 not there: (D,). Height is looked at before class, in whole pixels."""
-    height = np.abs(det.values[:, 4] - det.values[:, 6]).astype(np.int64)
-    own = det.types == NAMES.index(name)
-    return np.where(height < MIN_HEIGHT[level], 1, np.where(own, 0, -1)).astype(np.int8)
-
-
-def as_json(curves: Curves) -> dict[str, Mapping[str, object]]:
-    """Curves as plain values: thresholds, counts, 41 precisions and both APs, in full doubles."""
+    Args:
+        curves: see ``evaluate``.
+        ignored: see ``counts.LabelCounts``: by class and difficulty how many labels do not count, by reason.
+    """
+    why = ignored or {}
     return {
         name: {
-            metric: {level: _plain(curve) for level, curve in levels.items()}
+            metric: {
+                level: _plain(curve) | _plain_reasons(why.get(name, {}).get(level))
+                for level, curve in levels.items()
+            }
             for metric, levels in metrics.items()
         }
         for name, metrics in curves.items()
     }
+
+
+def _plain_reasons(found: Mapping[Reason, int] | None) -> dict[str, object]:
+    if found is None:
+        return {}
+    return {"ignored": {reason.name.lower(): n for reason, n in found.items()}}
 
 
 def _plain(curve: Curve) -> dict[str, object]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from fl3d.core.errors import DataError
 from fl3d.core.files import write_atomically
 from fl3d.data.calibration import Calibration
 from fl3d.data.kitti import KittiFolder
-from fl3d.data.label_table import table_from_labels
+from fl3d.data.label_table import LabelTable, table_from_labels
 from fl3d.data.labels import Labels
 from fl3d.data.projection import project_boxes
 from fl3d.evaluation.average_precision import Comparison, compare, evaluate
@@ -23,7 +24,7 @@ from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.recall import OVERLAPS, best_overlaps
 from fl3d.evaluation.results import from_parquet, is_results
 from fl3d.evaluation.stored import StoredDetections
-from fl3d.geometry.boxes import rectangles_velo, spans_velo
+from fl3d.geometry.boxes import count_points_inside, rectangles_velo, spans_velo
 from fl3d.geometry.nms import nms
 
 BOX_COLUMNS = ("x", "y", "z", "h", "w", "l", "yaw")
@@ -113,21 +114,40 @@ class Validation:
         labels: of each.
         calibrations: of each.
         image_sizes: of each, (width, height).
+        folder: that they were read from; None where there are no clouds.
     """
 
     ids: tuple[str, ...]
     labels: tuple[Labels, ...]
     calibrations: tuple[Calibration, ...]
     image_sizes: tuple[tuple[int, int], ...]
+    folder: KittiFolder | None = None
+
+    @cached_property
+    def points(self) -> NDArray[np.int64] | None:
+        """Points of the LiDAR on each label, frame by frame (G,); reads every cloud once. None without clouds.
+
+        Raises:
+            DataError: a cloud cannot be read.
+        """
+        if self.folder is None:
+            return None
+        counts = [np.zeros(0, dtype=np.int64)]
+        for index, labels in enumerate(self.labels):
+            points = self.folder.read_cloud(self.ids[index]).points_velo  # not cropped
+            boxes = self.calibrations[index].boxes_to_velo(labels.boxes_cam)
+            counts.append(count_points_inside(points, boxes))
+        return np.concatenate(counts)
 
 
 def read_validation(folder: KittiFolder, ids: Sequence[str]) -> Validation:
-    """Labels and calibrations of frames; no clouds are read."""
+    """Labels and calibrations of frames; no clouds are read before their points are asked for."""
     return Validation(
         tuple(ids),
         tuple(folder.read_labels(i) for i in ids),
         tuple(folder.read_calibration(i) for i in ids),
         tuple(folder.image_size(i) for i in ids),
+        folder,
     )
 
 
@@ -147,8 +167,9 @@ def to_labels(
         boxes_image: (N, 4) their own 2D boxes; None: they are projected.
         calibration: of the frame.
         image_size: (width, height); boxes without any part in the picture are dropped, for KITTI labels only
-            what the camera sees.
-        protocol: cut, suppression and 2D box.
+            what the camera sees. A protocol that does without the picture drops none, projects none, and leaves a
+            2D box that a detector has not found itself at 0 0 0 0.
+        protocol: cut, suppression, 2D box, and whether the picture counts.
     """
     above = np.flatnonzero(scores >= protocol.score_threshold)
     kept = above[
@@ -162,11 +183,11 @@ def to_labels(
         )
     ]
     boxes_velo, scores = boxes_velo[kept], scores[kept]
-    full, clipped, visible = project_boxes(boxes_velo, calibration, image_size)
-    if boxes_image is not None:
-        boxes_image = boxes_image[kept]
-    else:
-        boxes_image = clipped if protocol.image_box == "clipped" else np.trunc(full)
+    visible = np.ones(len(kept), dtype=bool)
+    projected = np.zeros((len(kept), 4))
+    if protocol.uses_picture:
+        full, clipped, visible = project_boxes(boxes_velo, calibration, image_size)
+        projected = clipped if protocol.image_box == "clipped" else np.trunc(full)
     boxes_cam = calibration.boxes_to_cam(boxes_velo)
     n = len(scores)
     labels = Labels(
@@ -174,7 +195,7 @@ def to_labels(
         truncated=np.zeros(n),
         occluded=np.zeros(n, dtype=np.int64),
         alpha=np.full(n, -10.0),
-        boxes_image=boxes_image,
+        boxes_image=projected if boxes_image is None else boxes_image[kept],
         boxes_cam=boxes_cam,
         scores=scores,
     )
@@ -196,12 +217,29 @@ def compare_stored(
     """
     if detections.frame_ids != validation.ids:
         raise DataError("detections are of other frames than the validation split", "detections")
+    det = detections.table(validation.calibrations, validation.image_sizes, protocol)
+    gt, beyond, points = ground_truths(validation, protocol)
+    return compare(gt, det, protocol, beyond, points)
+
+
+def ground_truths(
+    validation: Validation, protocol: Protocol
+) -> tuple[LabelTable, NDArray[np.bool_], NDArray[np.int64] | None]:
+    """What ``compare`` takes of the validation frames, and ``count_labels(gt, protocol, ["Car"], beyond, points)``.
+
+    Returns:
+        the labels, which of them lie outside the protocol's area (G,), and the points on each (G,), which are None
+        unless the protocol goes by them.
+
+    Raises:
+        DataError: a cloud cannot be read.
+    """
     beyond = [
         _beyond(labels, calibration, protocol)
         for labels, calibration in zip(validation.labels, validation.calibrations, strict=True)
     ]
-    det = detections.table(validation.calibrations, validation.image_sizes, protocol)
-    return compare(table_from_labels(validation.labels), det, protocol, np.concatenate(beyond))
+    points = validation.points if protocol.difficulty == "points" else None
+    return table_from_labels(validation.labels), np.concatenate(beyond), points
 
 
 def score(

@@ -2,76 +2,93 @@
 
 from __future__ import annotations
 
-import re
+from dataclasses import dataclass
 from pathlib import Path
 
 from fl3d.core.errors import DataError
 from fl3d.data.label_table import read_table
-from fl3d.evaluation.average_precision import Curves, average_r11, average_r40, compare, evaluate
-from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
+from fl3d.data.text import read_lines
+from fl3d.evaluation.average_precision import Curves, compare, evaluate
+from fl3d.evaluation.counts import LabelCounts, ResultCounts, count_labels, count_results
+from fl3d.evaluation.frames import LABEL_FIELDS, Choice, choose_frames, read_results
+from fl3d.evaluation.protocol import Protocol
 
-FILE = re.compile(r"\d{6}\.txt")
 
-
-def evaluate_folder(labels: Path, results: Path, protocol: Protocol) -> tuple[Curves, int]:
-    """Evaluate the frames that have a result file; an empty file counts, a missing one leaves its frame out.
+@dataclass(frozen=True)
+class Evaluated:
+    """A folder of results, evaluated.
 
     Args:
-        labels: folder of label files ``NNNNNN.txt``.
-        results: folder of result files ``NNNNNN.txt``; the results are taken as they are, neither cut nor suppressed.
-        protocol: overlaps and variant.
+        protocol: that it was evaluated under.
+        frames: that were evaluated.
+        curves: of every class, metric and difficulty.
+        labels: how many count, and why the others do not.
+        results: likewise.
+        label_fields: of the first line of the first label file that has one.
+    """
 
-    Returns:
-        the curves and the number of frames.
+    protocol: Protocol
+    frames: Choice
+    curves: Curves
+    labels: LabelCounts
+    results: ResultCounts
+    label_fields: int = LABEL_FIELDS
+
+
+def evaluate_folder(
+    labels: Path,
+    results: Path,
+    protocol: Protocol,
+    split: Path | None = None,
+    missing: str = "skip",
+) -> Evaluated:
+    """Evaluate a folder of results; they are taken as they are, neither cut nor suppressed.
+
+    Args:
+        labels: folder of label files, ``FRAME.txt``.
+        results: folder of result files of the same names; an empty one counts.
+        protocol: overlaps, variant and difficulty.
+        split: see ``frames.choose_frames``.
+        missing: likewise.
 
     Raises:
-        DataError: a folder holds no such file, a label file is missing, or a line is malformed.
+        ConfigError: the protocol goes by points, which needs clouds.
+        DataError: frames cannot be chosen, see ``frames.choose_frames``, or a line is malformed.
     """
-    ids = result_ids(results)
-    gt, det = read_table(labels, ids, scored=False), read_table(results, ids, scored=True)
-    return evaluate(compare(gt, det, protocol)), len(ids)
+    frames = choose_frames(labels, results, split, missing)
+    gt, det = read_table(labels, frames.ids, scored=False), read_results(results, frames)
+    counts = count_labels(gt, protocol)
+    curves = evaluate(compare(gt, det, protocol))
+    fields = _label_fields(labels, frames)
+    return Evaluated(protocol, frames, curves, counts, count_results(det, protocol), fields)
 
 
-def result_ids(folder: Path) -> list[str]:
-    """Frames that have a file in a folder, in order.
+def _label_fields(folder: Path, frames: Choice) -> int:
+    for frame_id in frames.ids:
+        for line in read_lines(folder / f"{frame_id}.txt"):
+            if line.strip():
+                return len(line.split())
+    return LABEL_FIELDS
+
+
+def result_ids(folder: Path, labels: Path | None = None) -> list[str]:
+    """Frames that have a file in a folder, in order: files named by digits, and those that have a label of their name.
+
+    Args:
+        folder: of the results.
+        labels: of the labels; None: files that are not named by digits are left out.
 
     Raises:
         DataError: there is no such folder, or none of its files is named like a frame.
     """
     if not folder.is_dir():
         raise DataError("no such folder", folder)
-    ids = sorted(path.stem for path in folder.iterdir() if FILE.fullmatch(path.name))
-    if not ids:
-        raise DataError("holds no file named NNNNNN.txt", folder)
-    return ids
-
-
-def curves_to_markdown(curves: Curves) -> str:
-    """R11 and R40 of every class and metric that has a ground truth, as Markdown."""
-    head = [
-        "class",
-        "metric",
-        *(f"{average} {level}" for average in ("R11", "R40") for level in DIFFICULTIES),
+    names = sorted(path.stem for path in folder.iterdir() if path.suffix == ".txt")
+    ids = [
+        name
+        for name in names
+        if name.isdigit() or (labels is not None and (labels / f"{name}.txt").exists())
     ]
-    lines = ["| " + " | ".join(head) + " |", "|---|---|" + "---:|" * 6]
-    for name, metrics in curves.items():
-        for metric, levels in metrics.items():
-            if not any(curve.n_gt for curve in levels.values()):
-                continue
-            aps = [curve.ap_r11 for curve in levels.values()] + [
-                curve.ap_r40 for curve in levels.values()
-            ]
-            lines.append("| " + " | ".join([name, metric, *(f"{ap:.4f}" for ap in aps)]) + " |")
-            similar = [
-                curve.orientation for curve in levels.values() if curve.orientation is not None
-            ]
-            if similar:
-                aos = [
-                    average(samples)
-                    for average in (average_r11, average_r40)
-                    for samples in similar
-                ]
-                lines.append(
-                    "| " + " | ".join([name, "orientation", *(f"{v:.4f}" for v in aos)]) + " |"
-                )
-    return "\n".join(lines)
+    if not ids:
+        raise DataError("holds no file FRAME.txt, such as 000001.txt", folder)
+    return ids

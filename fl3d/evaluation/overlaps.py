@@ -92,7 +92,7 @@ def _pairs(
                     if shared > 0 and det_area > 0:
                         dontcare[d] = max(dontcare[d], shared / det_area)
                     continue
-                if gt_types[g] == OTHER:
+                if gt_types[g] >= OTHER:
                     continue
                 image = shared / (gt_area + det_area - shared) if shared > 0 else 0.0
                 bev = volume = 0.0

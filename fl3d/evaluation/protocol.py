@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError, options
+from fl3d.data.labels import TYPES
 from fl3d.evaluation import VERSION
 from fl3d.geometry.nms import KINDS
 
 METRICS = ("image", "bev", "3d")
 DIFFICULTIES = ("easy", "moderate", "hard")
 VARIANTS = ("A", "B")
+GRADINGS = ("image", "distance", "points", "none")
+# Where a level ends, unless a protocol says: metres, as far as Waymo's and ONCE's ranges end at 30 and 50 m and KITTI's
+# labels and the paper's detection range at 70 m; points on an object, of which Waymo asks more than five for its first
+# level and one for its second. Each level holds the one before, as KITTI's do.
+LIMITS = {"distance": (30.0, 50.0, 70.0), "points": (30.0, 6.0, 1.0)}
 METRIC_NAMES = tuple(
     f"ap_{metric}{average}/{difficulty}"
     for metric in METRICS
@@ -37,6 +44,11 @@ class Protocol:
             cut to whole pixels, as the paper's code writes it.
         ignore_beyond: x0, y0, x1, y1 in metres, LiDAR frame: ground truths whose centre lies outside are
             neither hits nor misses; None counts all.
+        difficulty: what easy, moderate and hard go by. ``image``: KITTI's own, height in the picture, occlusion and
+            truncation. The others are fl3d's, need no picture, have no image metric, and count objects all around the
+            sensor: ``distance`` from the origin of the labels' coordinates over ground, ``points`` of the LiDAR on an
+            object, ``none``: every object at all three levels.
+        limits: where easy, moderate and hard end, metres (rising) or points (falling); None: ``LIMITS``.
     """
 
     name: str
@@ -48,18 +60,24 @@ class Protocol:
     max_detections: int
     image_box: str = "clipped"
     ignore_beyond: tuple[float, float, float, float] | None = None
+    difficulty: str = "image"
+    limits: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         choices = (
             ("variant", self.variant, VARIANTS),
             ("nms_kind", self.nms_kind, KINDS),
             ("image_box", self.image_box, ("clipped", "unclipped")),
+            ("difficulty", self.difficulty, GRADINGS),
         )
         for key, value, possible in choices:
             if value not in possible:
                 raise ConfigError(
                     f"protocol.{key}: no choice '{value}'. {options(value, possible)}"
                 )
+        for name in self.overlaps:
+            if name.lower() not in {known.lower() for known in TYPES}:
+                raise ConfigError(f"protocol.overlaps: no class '{name}'. {options(name, TYPES)}")
         for key, number in (("score_threshold", self.score_threshold), ("nms_iou", self.nms_iou)):
             if not isinstance(number, int | float) or not 0 <= number <= 1:
                 raise ConfigError(f"protocol.{key}: '{number}' is not a number from 0 to 1")
@@ -70,7 +88,72 @@ class Protocol:
         if self.ignore_beyond is not None and len(self.ignore_beyond) != 4:
             raise ConfigError(f"protocol.ignore_beyond: {self.ignore_beyond} is not x0, y0, x1, y1")
 
+        self._check_limits()
+
+    def _check_limits(self) -> None:
+        if self.limits is None:
+            return
+        if self.difficulty not in LIMITS:
+            raise ConfigError(
+                f"protocol.limits: {self.limits}, but difficulty {self.difficulty} has none; only "
+                f"{' and '.join(LIMITS)} have"
+            )
+        rising = self.difficulty == "distance"
+        given = list(self.limits) if isinstance(self.limits, list | tuple) else [self.limits]
+        numbers = [x for x in given if isinstance(x, int | float) and x > 0]
+        if len(given) != 3 or len(numbers) != 3 or numbers != sorted(numbers, reverse=not rising):
+            raise ConfigError(
+                f"protocol.limits: {given} are not three {'rising' if rising else 'falling'} numbers "
+                f"above 0, such as {list(LIMITS[self.difficulty])}"
+            )
+
+    @property
+    def uses_picture(self) -> bool:
+        """Whether only what the camera sees counts, by its size in the picture."""
+        return self.difficulty == "image"
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """Those of ``METRICS`` that it has."""
+        return METRICS if self.uses_picture else METRICS[1:]
+
+    @property
+    def metric_names(self) -> tuple[str, ...]:
+        """Those of ``METRIC_NAMES`` that it has."""
+        return tuple(
+            name for name in METRIC_NAMES if self.uses_picture or not name.startswith("ap_image")
+        )
+
+    @property
+    def level_limits(self) -> tuple[float, float, float] | None:
+        """Where its levels end; None where they do not go by distance or points."""
+        return self.limits if self.limits is not None else LIMITS.get(self.difficulty)
+
+    @property
+    def levels_text(self) -> str:
+        """What easy, moderate and hard go by, for people: ``up to 30, 50, 70 m away``."""
+        if self.uses_picture:
+            return "KITTI's height, occlusion and truncation"
+        limits = self.level_limits
+        if limits is None:
+            return "every object"
+        numbers = ", ".join(f"{limit:g}" for limit in limits)
+        return (
+            f"up to {numbers} m away"
+            if self.difficulty == "distance"
+            else f"at least {numbers} points"
+        )
+
     @property
     def id(self) -> str:
-        """Identity of the scores it gives: name and hash of every value and of the evaluator's version."""
-        return f"{self.name}-{digest([VERSION, asdict(self)])[:8]}"
+        """Identity of the scores it gives: name and hash of every value and of the evaluator's version.
+
+        What came later than the first protocols enters only where it is not its default, so that theirs stay.
+        """
+        return f"{self.name}-{digest([VERSION, self._values()])[:8]}"
+
+    def _values(self) -> dict[str, Any]:
+        values = asdict(self)
+        if self.difficulty == "image":
+            return {key: values[key] for key in values if key not in ("difficulty", "limits")}
+        return {**values, "limits": self.level_limits}

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from fl3d.core.errors import DataError
 from fl3d.core.files import write_atomically
 from fl3d.data.calibration import Calibration
-from fl3d.data.label_table import NAMES, OTHER, LabelTable, read_table
-from fl3d.data.labels import FIELDS, TYPES, Labels, labels_from_columns
+from fl3d.data.label_parser import FIELDS, Codes
+from fl3d.data.label_table import NAMES, LabelTable, read_table
+from fl3d.data.labels import TYPES, Labels, labels_from_columns
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.stored import StoredDetections
 
@@ -74,7 +75,8 @@ class Results(StoredDetections):
         kept = self._is_kept(protocol)
         before = np.concatenate([[0], np.cumsum(kept)]).astype(np.int64)  # kept lines before each
         offsets = before[self.lines.offsets]
-        return LabelTable(offsets, self.lines.types[kept], self.lines.values[kept])
+        types, values = self.lines.types[kept], self.lines.values[kept]
+        return LabelTable(offsets, types, values, self.lines.others)
 
     def _is_kept(self, protocol: Protocol) -> NDArray[np.bool_]:
         cut = protocol.score_threshold
@@ -132,7 +134,8 @@ def _types_in(folder: Path, ids: Sequence[str]) -> list[str]:
 
 def write_results(path: Path, results: Results) -> None:
     """Store as Parquet: a row a line, its numbers as they were read."""
-    names = [TYPES[code] if code != OTHER else "" for code in results.lines.types]
+    known = (*TYPES, *results.lines.others)
+    names = [known[code] for code in results.lines.types]
     columns: dict[str, Any] = {"frame": results.lines.frame.astype(np.int32), "type": names}
     columns |= {name: results.lines.values[:, i] for i, name in enumerate(FIELDS[1:])}
     about = {"frames": json.dumps(results.frame_ids), "source": results.source}
@@ -146,12 +149,14 @@ def from_parquet(table: Any) -> Results:
         key: table.schema.metadata[key].decode() for key in (b"frames", b"source", b"source_sha256")
     }
     ids = tuple(json.loads(about[b"frames"]))
-    codes = {name: code for code, name in enumerate(TYPES)}
-    types = np.array([codes.get(name, OTHER) for name in table["type"].to_pylist()], dtype=np.int64)
+    codes = Codes()
+    types = np.array([codes.of(name) for name in table["type"].to_pylist()], dtype=np.int64)
     values = np.column_stack([table[name].to_numpy() for name in FIELDS[1:]])
     counts = np.bincount(table["frame"].to_numpy(), minlength=len(ids))
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    stored = LabelTable(offsets, types, np.ascontiguousarray(values, dtype=np.float64))
+    stored = LabelTable(
+        offsets, types, np.ascontiguousarray(values, dtype=np.float64), codes.others
+    )
     return Results(ids, stored, about[b"source"], about[b"source_sha256"])
 
 

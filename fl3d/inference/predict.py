@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image
 from tqdm import tqdm
 
 from fl3d.config.settings import StageSettings
-from fl3d.core.errors import CheckpointError, ConfigError, DataError
+from fl3d.core.errors import CheckpointError, DataError, DataMissing
 from fl3d.core.files import write_atomically
-from fl3d.data.calibration import MEAN, Calibration, read_calibration
+from fl3d.data.calibration import AXES, MEAN, Calibration
+from fl3d.data.calibration_files import read_calibration
+from fl3d.data.clouds import ENDINGS, read_cloud
 from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
-from fl3d.data.kitti import IMAGE_SIZE, Frame, read_cloud
+from fl3d.data.kitti import Frame
 from fl3d.data.labels import Labels, labels_from_columns, read_labels, write_labels
+from fl3d.data.pictures import find_picture, picture_size, read_picture, size_without_picture
+from fl3d.data.text import is_there
 from fl3d.detectors.base import Detector
 from fl3d.evaluation.detections import to_labels
 from fl3d.evaluation.protocol import Protocol
 from fl3d.inference.detect import to_device
+from fl3d.inference.devices import check_device
 from fl3d.inference.load import load
 from fl3d.inference.precision import multiplying
 from fl3d.reports.figures.boxes import Scene, boxes_of_models
@@ -31,8 +36,6 @@ from fl3d.runs.spec import read_spec
 
 # Where the clouds of a folder are looked for.
 PLACES = ("velodyne", "training/velodyne", "testing/velodyne", ".")
-# What may lie beside a folder velodyne.
-ENDINGS = {"calib": "txt", "image_2": "png", "label_2": "txt"}
 
 
 def predict(
@@ -44,20 +47,25 @@ def predict(
     calibration: Path | None = None,
     device: str = "cpu",
     pictures: bool = True,
+    reading: Mapping[str, Any] | None = None,
     say: Callable[[str], None] = print,
 ) -> list[Path]:
     """Write what a checkpoint detects in clouds.
 
     Args:
         checkpoint: a stage's folder (its last checkpoint), or one of its ``.pt`` files.
-        clouds: a ``.bin`` file of KITTI's format, a folder of them, or a KITTI folder. Beside a
-            folder ``velodyne``, ``calib``, ``image_2`` and ``label_2`` are used where they are.
+        clouds: a file (``.bin`` of KITTI's format, ``.npy`` or ``.pcd``), a folder of them, or a
+            KITTI folder. Beside a folder ``velodyne``, ``calib`` and ``image_2`` are used where
+            they are, and ``label_2`` for the pictures.
         out: folder of the result files ``ID.txt``, and of pictures ``ID.png``.
         score: posterior from which on a box is written.
         calibration: of all clouds that have none of their own; None: the mean of KITTI's training
             set.
         device: torch's name of it.
-        pictures: whether to draw.
+        pictures: whether to draw; without, no label is read.
+        reading: how clouds are read where it is not as the checkpoint's were: ``columns``,
+            ``dtype`` and ``reflectance_scale``, see ``data.cloud_forms.CloudFormat``, and
+            ``image_size`` of clouds without a picture.
         say: prints a line for the user.
 
     Returns:
@@ -70,11 +78,12 @@ def predict(
         ConfigError: a device that is not there, or a score that is no posterior.
     """
     folder, step = find_checkpoint(checkpoint)
-    _check_device(device)
+    check_device(device, "--device ")
     files = find_clouds(clouds.resolve())
     spec = read_spec(folder)
     protocol = replace(spec.machine.protocol, score_threshold=score, image_box="clipped")
-    reader = CloudReader(spec.settings.crop, calibration)
+    settings = read_as(spec.settings, reading or {})
+    reader = CloudReader(settings, calibration, with_labels=pictures)
     detector = load(folder, step, device)
     say(f"{detector.NAME}, {folder.key}, step {step}: {len(files)} clouds into {out}")
     written = []
@@ -126,13 +135,29 @@ def find_clouds(path: Path) -> list[Path]:
     Raises:
         DataError: the folder holds none.
     """
+    if not is_there(path):
+        raise DataMissing("no such file or folder", path)
     if path.is_file():
         return [path]
     for place in PLACES:
-        files = sorted((path / place).glob("*.bin"))
+        files = [file for ending in ENDINGS for file in (path / place).glob(f"*.{ending}")]
         if files:
-            return files
-    raise DataError(f"no cloud (*.bin), here or in {', '.join(PLACES[:-1])}", path)
+            first = {file.stem: file for file in reversed(files)}  # of one frame's several
+            return [first[name] for name in sorted(first)]
+    endings = ", ".join(f"*.{ending}" for ending in ENDINGS)
+    raise DataError(f"no cloud ({endings}), here or in {', '.join(PLACES[:-1])}", path)
+
+
+def read_as(settings: StageSettings, reading: Mapping[str, Any]) -> StageSettings:
+    """A stage's settings, with clouds read in another way.
+
+    Args:
+        settings: of the stage.
+        reading: see ``predict``.
+    """
+    size = reading.get("image_size", settings.image_size)
+    form = {key: value for key, value in reading.items() if key != "image_size"}
+    return replace(settings, image_size=size, cloud=replace(settings.cloud, **form))
 
 
 @torch.no_grad()
@@ -187,16 +212,21 @@ class CloudReader:
     """Reads clouds with what lies beside them.
 
     Args:
-        crop: see ``data.kitti.KittiFolder``.
+        settings: of the detector's stage: its crop, and how clouds are read.
         calibration: of clouds that have none of their own; None: the mean of KITTI's training set.
+        with_labels: whether labels are read where they are.
 
     Raises:
         DataError: the calibration cannot be read.
     """
 
-    def __init__(self, crop: str, calibration: Path | None) -> None:
-        self.crop = crop
+    def __init__(
+        self, settings: StageSettings, calibration: Path | None, with_labels: bool = True
+    ) -> None:
+        self.settings = settings
         self.calibration = MEAN if calibration is None else read_calibration(calibration)
+        self.calibration_file = calibration or Path("--calib")
+        self.with_labels = with_labels
         self._image_boxes: dict[Path, ImageBoxes | None] = {}
 
     def read(self, file: Path) -> Cloud:
@@ -205,24 +235,32 @@ class CloudReader:
         Raises:
             DataError: it, or a file beside it, cannot be read.
         """
+        has_camera = self.settings.calibration != "axes"
+        is_in_folder = file.parent.name == "velodyne"
         calib = _beside(file, "calib")
-        is_calibrated = file.parent.name == "velodyne" and calib.exists()
+        is_calibrated = not has_camera or (is_in_folder and is_there(calib))
         # Without a calibration of its own, pictures and labels cannot be laid over a cloud.
         if not is_calibrated:
-            frame = self._frame(file, self.calibration, IMAGE_SIZE)
-            return Cloud(frame, image=None, is_calibrated=False)
-        image = _read_image(_beside(file, "image_2"))
-        size = IMAGE_SIZE if image is None else (image.shape[1], image.shape[0])
-        frame = self._frame(file, read_calibration(calib), size)
+            size = self._size(self.calibration, self.calibration_file)
+            return Cloud(self._frame(file, self.calibration, size), None, is_calibrated=False)
+        calibration = read_calibration(calib) if has_camera else AXES
+        picture = find_picture(file.parent.parent / "image_2", file.stem) if has_camera else None
+        image = read_picture(picture) if picture and self.with_labels else None
+        size = picture_size(picture) if picture else self._size(calibration, calib)
+        frame = self._frame(file, calibration, size)
         labels = _beside(file, "label_2")
-        if labels.exists():
-            frame = replace(frame, labels=read_labels(labels))
-        frame = replace(frame, image_boxes=self._image_boxes_of(file))
+        if self.with_labels and is_in_folder and is_there(labels):
+            frame = replace(frame, labels=read_labels(labels), label_file=labels)
+        if is_in_folder:
+            frame = replace(frame, image_boxes=self._image_boxes_of(file))
         return Cloud(frame, image, is_calibrated=True)
 
+    def _size(self, calibration: Calibration, file: Path) -> tuple[int, int]:
+        return self.settings.image_size or size_without_picture(calibration, file)
+
     def _frame(self, file: Path, calibration: Calibration, size: tuple[int, int]) -> Frame:
-        points = read_cloud(file)
-        if self.crop == "image":
+        points = read_cloud(file, self.settings.cloud).points_velo
+        if self.settings.crop == "image":
             points = points[calibration.in_image(points, size)]
         no_labels = labels_from_columns([], np.zeros((0, 14)), scored=False)
         return Frame(file.stem, points, calibration, labels=no_labels, image_size=size)
@@ -237,21 +275,7 @@ class CloudReader:
 
 
 def _beside(file: Path, kind: str) -> Path:
-    return file.parent.parent / kind / f"{file.stem}.{ENDINGS[kind]}"
-
-
-def _read_image(path: Path) -> NDArray[np.uint8] | None:
-    if not path.exists():
-        return None
-    with Image.open(path) as opened:
-        return np.asarray(opened.convert("RGB"))
-
-
-def _check_device(device: str) -> None:
-    has_cuda = torch.cuda.is_available()
-    if device != "cpu" and not (device.startswith("cuda") and has_cuda):
-        possible = "cpu, cuda" if has_cuda else "cpu"
-        raise ConfigError(f"--device {device}: possible here: {possible}")
+    return file.parent.parent / kind / f"{file.stem}.txt"
 
 
 def _write(folder: Path, name: str, found: Labels) -> Path:

@@ -16,6 +16,7 @@ from fl3d.config.settings import Settings
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
 from fl3d.core.files import write_text
 from fl3d.evaluation.average_precision import N_SAMPLES
+from fl3d.evaluation.protocol import METRICS
 from fl3d.papers.base import PaperTable
 from fl3d.papers.judged_views import intervals_by_level, tables_of_verdicts
 from fl3d.papers.registry import papers_of, tables_named
@@ -42,7 +43,10 @@ def protocol_note(settings: Settings, average: str = "R11", of_results: bool = F
         of_results: whether they are of result files, which programs have suppressed themselves.
     """
     protocol = settings.protocol
-    overlaps = " / ".join(f"{value:g}" for value in protocol.overlaps["Car"])
+    of_metric = dict(zip(METRICS, protocol.overlaps["Car"], strict=True))
+    overlaps = " / ".join(f"{of_metric[metric]:g}" for metric in protocol.metrics)
+    names = " / ".join({"image": "image", "bev": "BEV", "3d": "3D"}[m] for m in protocol.metrics)
+    levels = "" if protocol.uses_picture else f"; objects all around, {protocol.levels_text}"
     area = protocol.ignore_beyond
     limit = (
         f"; cars beyond x {area[0]:g} to {area[2]:g} m, y {area[1]:g} to {area[3]:g} m ignored"
@@ -52,7 +56,7 @@ def protocol_note(settings: Settings, average: str = "R11", of_results: bool = F
     suppression = "NMS as the programs did it" if of_results else f"NMS {protocol.nms_iou:g}"
     return (
         f"Data {settings.data.name}, profile {settings.profile}; Car, {average}, overlaps {overlaps} "
-        f"(image / BEV / 3D); score cut {protocol.score_threshold:g}, {suppression}{limit}."
+        f"({names}){levels}; score cut {protocol.score_threshold:g}, {suppression}{limit}."
     )
 
 

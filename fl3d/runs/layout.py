@@ -142,6 +142,10 @@ class StoreFolder:
         """Held by the process that runs the sweep."""
         return self.plans / f"{experiment}.lease"
 
+    def check(self, key: str) -> Path:
+        """What a look at a sweep's data found, see ``sweep.checked``."""
+        return self.root / "checks" / f"{key}.json"
+
     def study(self, name: str) -> Path:
         """The journal of an Optuna study."""
         return self.root / "studies" / f"{name}.log"

@@ -53,7 +53,12 @@ def tidy(raw: pd.DataFrame, trials: Sequence[FrozenTrial], protocol: Protocol) -
         }
     )
     merged = own.merge(plans, on="trial")
-    aps = sorted(str(column) for column in merged if str(column).startswith("ap_"))
+    # A store may hold metrics of other protocols, which this one does not have.
+    aps = sorted(
+        str(column)
+        for column in merged
+        if str(column).startswith("ap_") and merged[column].notna().any()
+    )
     recalls = sorted(str(column) for column in merged if str(column).startswith("recall_"))
     frame = merged[[*FRONT, *aps, *recalls]].dropna(subset=aps)
     frame = frame.astype({"seed": int, "first_own_step": int, "epoch": int, "step": int})

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from fl3d.config.settings import StageSettings, read_stage_settings
+from fl3d.config.settings import StageSettings, read_stage_settings, stage_folder
 from fl3d.core.errors import StoreError
 from fl3d.core.files import write_text
 from fl3d.core.records import Stage
@@ -72,8 +72,7 @@ class Spec:
         Args:
             root: where they lie now; None: where they lay when the stage was started.
         """
-        data = self.stage.config["data"]
-        return KittiFolder(root or self.machine.data_root, data["crop"], data["calibration"])
+        return stage_folder(self.stage.config, root or self.machine.data_root)
 
 
 def write_spec(folder: RunFolder, spec: Spec) -> None:

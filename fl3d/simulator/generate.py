@@ -23,7 +23,7 @@ from tqdm import tqdm
 from fl3d.core.errors import DataError
 from fl3d.core.files import write_atomically, write_text
 from fl3d.core.leases import leased
-from fl3d.data.calibration import write_calibration
+from fl3d.data.calibration_files import write_calibration
 from fl3d.data.kitti import IMAGE_SIZE
 from fl3d.data.labels import read_labels, write_labels
 from fl3d.simulator import VERSION

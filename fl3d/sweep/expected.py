@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from fl3d.config.settings import DataSettings
 from fl3d.core.errors import ConfigError, DataMissing, options
-from fl3d.data.kitti import SPLIT_SIZES, KittiFolder
+from fl3d.data.kitti import SPLIT_SIZES
 from fl3d.sweep.plan import DataInfo
 from fl3d.sweep.prepare import is_prepared, prepare_data
 
@@ -67,7 +67,7 @@ def _size(data: DataSettings, part: str, split: str, most: int | None) -> int:
     """Frames of a split: of its list where there is one, or else of KITTI's split of that name."""
     whole = SPLIT_SIZES.get(split, most)
     if data.root is not None and (data.root / "ImageSets" / f"{split}.txt").exists():
-        whole = len(KittiFolder(data.root, data.crop, data.calibration).split(split))
+        whole = len(data.folder(data.root).split(split))
     if whole is None:
         raise ConfigError(
             f"data.{part}_split={split}: how many frames it has is not known before its list is there; "

@@ -35,11 +35,20 @@ RESULT = (
     "schedule.stages.*",
     "data.crop",
     "data.calibration",
+    "data.cloud.*",
+    "data.image_size",
     "detections.*",
     "seed",
     "precision",
     "compile",
 )
+# Of these, keys that came when results were there already: they enter where they are not what all had before.
+USUAL = {
+    "data.cloud.columns": None,
+    "data.cloud.dtype": None,
+    "data.cloud.reflectance_scale": 1,
+    "data.image_size": None,
+}
 # Keys that cannot. The frames themselves enter through the data's digest; scores carry their protocol's identity.
 BOOKKEEPING = (
     "data.name",
@@ -65,7 +74,8 @@ BOOKKEEPING = (
 )
 # Keys of a detector that a command trains, besides those that the command names: the section itself, what its stages
 # are, and what its frames are read by.
-COMMAND_RESULT = ("detector.*", "schedule.stages.*", "data.crop", "data.calibration")
+FRAMES = ("data.crop", "data.calibration", "data.cloud.*", "data.image_size")
+COMMAND_RESULT = ("detector.*", "schedule.stages.*", *FRAMES)
 
 
 def leaves(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -95,7 +105,7 @@ def _kept(config: Config, wanted: Callable[[str], bool]) -> Config:
     """The leaves of a config whose dotted keys are wanted."""
     kept: Config = {}
     for key, value in leaves(config):
-        if wanted(key):
+        if wanted(key) and not (key in USUAL and value == USUAL[key]):
             node = kept
             *parents, last = key.split(".")
             for part in parents:
@@ -119,7 +129,7 @@ def of_command_stage(config: Config, whole: Config, has_parent: bool) -> Config:
     """
     command = command_of(config["detector"])
     named = [name for name in command.places(has_parent) if not matches(name, BOOKKEEPING)]
-    always = ("detector.*", "schedule.stage.epochs", "data.crop", "data.calibration")
+    always = ("detector.*", "schedule.stage.epochs", *FRAMES)
     kept = _kept(config, lambda key: matches(key, always) or _is_within(key, named))
     texts = (command.resume, command.results, command.checkpoint or "")
     others = [name for text in texts for name in names_in(text, "detector")]

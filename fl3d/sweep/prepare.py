@@ -9,7 +9,6 @@ from fl3d.config.settings import DataSettings
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError, DataError, DataMissing
 from fl3d.data.dataset import subset
-from fl3d.data.kitti import KittiFolder
 from fl3d.simulator.generate import Settings, generate, is_whole
 
 
@@ -65,7 +64,7 @@ def prepare_data(data: DataSettings) -> PreparedData:
         root = generate(root, _settings(data))
     elif not (root / "training").is_dir():
         raise DataMissing("is no KITTI folder: it holds no 'training'", root)
-    folder = KittiFolder(root, data.crop, data.calibration)
+    folder = data.folder(root)
     train = subset(folder.split(data.train_split), data.train_frames, data.seed)
     val = subset(folder.split(data.val_split), data.val_frames, data.seed)
     if not train or not val:

@@ -14,6 +14,7 @@ from fl3d.core.leases import Lease, leased
 from fl3d.runs.retention import Tidy
 from fl3d.store.base import Store
 from fl3d.store.opening import open_store
+from fl3d.sweep.checked import check_start
 from fl3d.sweep.cost import Costs
 from fl3d.sweep.evidence import Disk
 from fl3d.sweep.launchers.base import Launcher
@@ -78,6 +79,7 @@ def run_sweep(
     with leased(layout.lease(settings.experiment), wait=False) as lease:
         refuse_several_machines(store, layout)
         store.open()
+        check_start(prepared, say)
         freeze(prepared, prepared.plan)
         prepared.sweeper.open(prepared.planner.key)
         scores = scoreboard(prepared)

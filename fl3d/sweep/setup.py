@@ -56,7 +56,7 @@ class Prepared:
     @property
     def kitti(self) -> KittiFolder:
         """Its frames."""
-        return KittiFolder(self.data.root, self.settings.data.crop, self.settings.data.calibration)
+        return self.settings.data.folder(self.data.root)
 
 
 def prepare_sweep(sweeper: Sweeper) -> Prepared:

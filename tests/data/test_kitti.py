@@ -9,9 +9,11 @@ from PIL import Image
 
 from fl3d.config.compose import compose_config
 from fl3d.core.errors import DataError
-from fl3d.data.calibration import Calibration, read_calibration, write_calibration
+from fl3d.data.calibration import Calibration
+from fl3d.data.calibration_files import read_calibration, write_calibration
+from fl3d.data.clouds import read_cloud
 from fl3d.data.dataset import Frames, TargetRule, epoch_order, subset
-from fl3d.data.kitti import KittiFolder, read_cloud
+from fl3d.data.kitti import KittiFolder
 from fl3d.data.labels import read_labels, write_labels
 
 LINE = "Car 0.00 0 1.55 614.24 181.78 727.31 284.77 1.57 1.73 4.15 1.00 1.75 13.22 1.62\n"
@@ -40,14 +42,6 @@ def test_the_same_frames_split_elsewhere_are_other_data(simulated: Path) -> None
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            LINE.replace("1.57", "-1.57"),
-            "000000.txt:1: field 'height, width, length' must be above 0",
-        ),
-        (
-            LINE.replace("Car 0.00 0", "Car 0.00 7"),
-            "000000.txt:1: field 'occluded' must be 0, 1, 2 or 3",
-        ),
         (LINE + "Car 0.00 0 1.55 614.24\n", "000000.txt:2: 15 fields expected, found 5"),
         (LINE.replace("13.22", "nan"), "000000.txt:1: field 'z': 'nan' is not finite"),
         (LINE.replace("1.57", "tall"), "000000.txt:1: field 'height': 'tall' is not a number"),
@@ -84,20 +78,13 @@ def test_a_cloud_cut_within_a_point_is_refused(tmp_path: Path) -> None:
         read_cloud(path)
 
 
-def test_a_cloud_with_a_point_that_is_not_finite_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "000000.bin"
-    np.array([[0, 0, 0, 0], [0, np.inf, 0, 0]], dtype=np.float32).tofile(path)
-    with pytest.raises(DataError, match="point 1 is not finite"):
-        read_cloud(path)
-
-
 def test_a_calibration_that_lacks_a_matrix_or_a_value_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "000000.txt"
     path.write_text("P2: 1 2 3\n")
-    with pytest.raises(DataError, match=r"000000\.txt:1: P2 needs 12 values, found 3"):
+    with pytest.raises(DataError, match=r"000000\.txt:1: P2 needs 12 values .*, found 3"):
         read_calibration(path)
     path.write_text("P2: " + "1 " * 12 + "\n")
-    with pytest.raises(DataError, match="no line for R0_rect, Tr_velo_to_cam"):
+    with pytest.raises(DataError, match=r"no line for R0_rect, Tr_velo_to_cam \(found: P2\)"):
         read_calibration(path)
 
 
@@ -123,9 +110,10 @@ def test_boxes_survive_the_way_to_the_lidar_and_back(kitti_sample: Path) -> None
 
 def test_calibration_files_read_back(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    calibration = Calibration(
-        rng.normal(size=(3, 4)), rng.normal(size=(3, 3)), rng.normal(size=(3, 4))
-    )
+    turns = [np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2)]
+    turns = [turn * np.linalg.det(turn) for turn in turns]  # rotations, not mirrors
+    P2 = np.abs(rng.normal(size=(3, 4)))
+    calibration = Calibration(P2, turns[0], np.column_stack([turns[1], rng.normal(size=3)]))
     write_calibration(tmp_path / "c.txt", calibration)
     back = read_calibration(tmp_path / "c.txt")
     np.testing.assert_allclose(back.P2, calibration.P2, rtol=1e-12)

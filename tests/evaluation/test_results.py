@@ -44,8 +44,7 @@ def test_their_ap_is_that_of_evaluate_to_the_bit(simulated: Path, folder: Path, 
     write_results(folder / "stored.parquet", read_results(folder, ids))
     stored = read_detections(folder / "stored.parquet")
     found = score(stored, read_validation(kitti, ids), rules)
-    curves, count = evaluate_folder(simulated / "training" / "label_2", folder, rules)
-    assert count == len(ids)
+    curves = evaluate_folder(simulated / "training" / "label_2", folder, rules).curves
     values = []
     for metric, levels in curves["Car"].items():
         for level, curve in levels.items():

@@ -186,7 +186,11 @@ class DetectorsTable(PaperTable):
     def make(self, sweeps: Sequence[FinishedSweep], notes: tuple[str, ...]) -> Table | None:
         """Two rows a detector: ours and the report's."""
         models = {detector: self._models(sweeps, detector) for detector in NAMES}
-        models = {detector: own for detector, own in models.items() if len(own)}
+        models = {
+            detector: own
+            for detector, own in models.items()
+            if len(own) and set(FINAL_METRICS) <= set(own)  # not without the picture
+        }
         if not models:
             return None
         texts = {

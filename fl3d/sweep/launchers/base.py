@@ -44,10 +44,12 @@ class Launcher(ABC):
     Attributes:
         slots: how many stages it is given at once.
         has_queue: whether it takes a stage whose parent still runs, and starts it afterwards by itself.
+        IS_HERE: whether its stages run on this machine, with its devices.
     """
 
     slots: int
     has_queue: bool = False
+    IS_HERE: bool = False
 
     @abstractmethod
     def launch(self, folder: Path, after: Job | None = None) -> Job:

@@ -22,6 +22,8 @@ class _Finished(Job):
 class InlineLauncher(Launcher):
     """One stage at a time; ``launch`` returns when it has ended."""
 
+    IS_HERE = True
+
     slots = 1
 
     def launch(self, folder: Path, after: Job | None = None) -> Job:

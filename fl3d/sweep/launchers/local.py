@@ -55,6 +55,8 @@ class LocalLauncher(Launcher):
         per_card: stages that share a card.
     """
 
+    IS_HERE = True
+
     def __init__(self, slots: int | None = None, device: str = "cpu", per_card: int = 1) -> None:
         self._cards = _cards() if device.startswith("cuda") else []
         self.slots = slots or (

@@ -14,7 +14,6 @@ from fl3d.config.objects import build
 from fl3d.config.settings import read_settings
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config
-from fl3d.evaluation.protocol import METRIC_NAMES
 from fl3d.evaluation.selection import RULES
 from fl3d.store.opening import open_store
 from fl3d.sweep.sweepers.base import Advice, Compose, Point, Standing, Sweeper, TrialState
@@ -99,8 +98,8 @@ class Study(Sweeper):
         if self.rule not in RULES:
             raise ConfigError(f"hydra.sweeper.rule: {options(self.rule, RULES)}")
         for name in self.objectives or [""]:
-            if name not in METRIC_NAMES:
-                possible = options(name, METRIC_NAMES)
+            if name not in self.settings.protocol.metric_names:
+                possible = options(name, self.settings.protocol.metric_names)
                 raise ConfigError(f"hydra.sweeper.objectives: no metric '{name}'. {possible}")
         if self.pruner is not None and len(self.objectives) > 1:
             raise ConfigError(

@@ -1,0 +1,72 @@
+"""The look at the data that every sweep begins with: a mistake in them shows here, not in a table of zeros."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+from fl3d.check import VERSION
+from fl3d.check.facts import gather
+from fl3d.check.summary import Checked, checked, start_texts
+from fl3d.check.wanted import Wanted, wanted_by
+from fl3d.core.digests import digest
+from fl3d.core.errors import DataError
+from fl3d.core.files import write_text
+from fl3d.sweep.setup import Prepared
+
+MOST_CLOUDS = 200  # of each split: 1.4 s of 1200 simulated frames
+MOST_WARNINGS = 5  # that are printed
+TRAIN, VAL = "train", "val"  # what the two splits are called here, whatever their files are
+
+
+def check_start(prepared: Prepared, say: Callable[[str], None]) -> None:
+    """Say what is learnt from and evaluated, and what is odd about it; a second start reads what the first found.
+
+    Raises:
+        DataError: there is nothing to learn, or nothing that counts; the message says why.
+    """
+    wanted = wanted_by([trial.config for trial in prepared.plan.trials] or [prepared.sweeper.base])
+    path = prepared.layout.check(_key(prepared, wanted))
+    texts = _read(path)
+    if texts is None:
+        texts = start_texts(_look(prepared, wanted), prepared.data.root)
+        write_text(path, json.dumps(texts, indent=1) + "\n")
+    if texts["errors"]:
+        more = texts["warnings"][:MOST_WARNINGS]
+        raise DataError(
+            "\n  ".join([" ".join(texts["errors"]), *more, _hint(prepared)]), prepared.data.root
+        )
+    for line in [*texts["lines"], *texts["warnings"][:MOST_WARNINGS]]:
+        say(line)
+    if len(texts["warnings"]) > MOST_WARNINGS:
+        say(f"{len(texts['warnings']) - MOST_WARNINGS} more warnings: {_hint(prepared)}")
+
+
+def _hint(prepared: Prepared) -> str:
+    return f'python -m fl3d check "{prepared.data.root}" shows all of it, with a picture'
+
+
+def _key(prepared: Prepared, wanted: tuple[Wanted, ...]) -> str:
+    """Identity of what is found: of the data, of how they are read, and of what is looked for."""
+    data, settings = prepared.data, prepared.settings
+    read = [settings.data.crop, settings.data.calibration]
+    looked_for = [asdict(one) for one in wanted]
+    return digest(
+        [VERSION, data.digest, data.image_digest, read, settings.protocol.id, looked_for]
+    )[:16]
+
+
+def _look(prepared: Prepared, wanted: tuple[Wanted, ...]) -> Checked:
+    splits = {TRAIN: prepared.data.train_ids, VAL: prepared.data.val_ids}
+    facts = gather(prepared.kitti, splits, wanted, prepared.settings.protocol, MOST_CLOUDS)
+    return checked(facts, TRAIN, VAL)
+
+
+def _read(path: Path) -> dict[str, list[str]] | None:
+    try:
+        texts: dict[str, list[str]] = json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):  # the first start, or a torn file
+        return None
+    return texts
