@@ -6,6 +6,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import ConfigError, Fl3dError, StageFailed, TrainingError, options
@@ -34,7 +35,9 @@ COMMANDS = (
     "ui",
     "stage",
     "publish",
+    "import",
 )
+CONFIG_DIR = ("--config-dir", "-cd")
 MISTAKE = 2  # exit code of what was asked or given wrongly, as argparse's own
 FAILED = 1  # of what failed while it ran
 FAILURES = (StageFailed, TrainingError)
@@ -52,13 +55,40 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     typed = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        name, rest = _split(typed)
+        name, rest = _split(_with_config_dir(typed))
         rest = _with_seeds(name, rest)
         importlib.import_module(f"fl3d.commands.{name}").run(rest)
     except Fl3dError as error:
         raise ended(f"fl3d: {error}", FAILED if isinstance(error, FAILURES) else MISTAKE) from None
     except KeyboardInterrupt:
         sys.exit("\nfl3d: interrupted; run the same command to resume")
+
+
+def _with_config_dir(typed: list[str]) -> list[str]:
+    """The arguments without ``--config-dir FOLDER``, which any command may have: the user's own YAMLs and modules.
+
+    Raises:
+        ConfigError: it names no folder, or there are two.
+    """
+    rest: list[str] = []
+    words = iter(typed)
+    given = ""
+    for word in words:
+        option, _, folder = word.partition("=")
+        if option not in CONFIG_DIR:
+            rest.append(word)
+            continue
+        folder = folder or next(words, "")
+        if not folder:
+            raise ConfigError(
+                f"{word}: which folder? It holds your own detector/NAME.yaml and the like"
+            )
+        if given:
+            raise ConfigError(f"--config-dir {given} and {folder}: one folder alone can be given")
+        given = folder
+        # Imported late: it brings Hydra along.
+        importlib.import_module("fl3d.config.compose").search_also(Path(folder))
+    return rest
 
 
 def ended(message: str, code: int) -> SystemExit:

@@ -1,7 +1,10 @@
 """docs/new_detector.md, done: a fifth detector is one file and one YAML."""
 
+import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -46,6 +49,58 @@ def test_the_documents_detector_trains_scores_and_tabulates(
     assert "| 2 | 1 |" in table
     scores = (tmp_path / "results" / "simulated-tiny" / "scores" / "gamma.csv").read_text()
     assert scores.count(",HeightMap,HeightMap,") == 2 * 4  # of two epochs each, warm-up and focal
+
+
+def test_a_detector_and_a_loss_in_a_folder_of_the_users(simulated: Path, tmp_path: Path) -> None:
+    """Section 4, as a user types it: nothing of it lies in fl3d, and the loss has no gamma."""
+    section = DOCUMENT.read_text().partition("## 4.")[2]
+    loss, detector = (
+        re.search(rf"```{kind}\n(.*?)```", section, re.DOTALL) for kind in ("python", "yaml")
+    )
+    assert loss is not None
+    assert detector is not None
+    mine = tmp_path / "mine"
+    (mine / "detector").mkdir(parents=True)
+    shutil.copy(Path(__file__).parent / "example_detector.py", mine / "height_map.py")
+    (mine / "margin_loss.py").write_text(loss[1])
+    (mine / "detector" / "height_map.yaml").write_text(detector[1])
+    line = re.search(r"python -m fl3d (-m .*)", section)
+    assert line is not None
+    words = [*line[1].split(), *SIZE, f"data.root={simulated}"]
+    done = fl3d(words, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "| margin | seeds |" in done.stdout
+    (why,) = re.findall(r"python -m fl3d gains", section)
+    assert why
+    found = fl3d(["why", "last", "loss.margin=0.5", "3d/moderate", *words[1:]], tmp_path)
+    assert "scored now" in found.stdout, found.stderr
+    kept = [word for word in words if "scratch" not in word]
+    wrong = fl3d([*kept, "schedule=two_phase"], tmp_path)
+    assert wrong.returncode == 2
+    assert "schedule.stages.warmup sets loss.gamma" in wrong.stderr
+    wrong = fl3d(["plan", "--config-dir", "mine", "detector=heigth_map"], tmp_path)
+    assert "Did you mean 'height_map'?" in wrong.stderr
+
+
+SIZE = (
+    *("profile=tiny", "data.generate=false", "data.cache_frames=10", "schedule.frames_per_epoch=2"),
+    *("schedule.stages.scratch.epochs=1", "hydra.launcher.slots=1"),
+)
+
+
+def fl3d(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run fl3d as a user does, in a folder of theirs."""
+    words = [word.replace("seeds=3", "seeds=1") for word in words]
+    command = [sys.executable, "-m", "fl3d", *words]
+    return subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(CONF.parent)},
+        check=False,
+        timeout=600,
+    )
 
 
 def test_every_part_of_the_contract_is_in_the_document() -> None:

@@ -13,8 +13,10 @@ from tqdm import tqdm
 from fl3d.core.errors import ConfigError, options
 from fl3d.evaluation.detections import score
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.results import APPLIES
 from fl3d.runs.design import label_of
 from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.plans import is_of_program
 
 KEYS = tuple(field.name for field in fields(Protocol) if field.name not in ("name", "overlaps"))
 
@@ -30,12 +32,19 @@ def rescore(sweep: FinishedSweep, changes: Mapping[str, Sequence[Any]]) -> pd.Da
         a row a trial and combination: group, level, seed, step, protocol, the changed keys (as text), every AP.
 
     Raises:
-        ConfigError: a key that no protocol has, or a value that it does not take.
+        ConfigError: a key that no protocol has, or that means nothing to result files of a program, or a value that it
+            does not take.
         StoreError: only its scores are here.
     """
     for key in changes:
         if key not in KEYS:
             raise ConfigError(f"{key}: no key of a protocol. {options(key, KEYS)}")
+    if any(is_of_program(trial.plan) for trial in sweep.trials):
+        for key in sorted(set(changes) - set(APPLIES)):
+            raise ConfigError(
+                f"{key}: the sweep's detections are result files that its program has suppressed itself, so that this "
+                f"changes nothing of them. {options(key, APPLIES)}"
+            )
     combinations = [
         dict(zip(changes, values, strict=True)) for values in itertools.product(*changes.values())
     ]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from fl3d.core.digests import file_digest
+from fl3d.core.errors import DataError
 from fl3d.evaluation.detections import read_detections, score
+from fl3d.evaluation.results import results_digest
 from fl3d.runs.checkpoints import read_marker
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import RunFolder
@@ -35,7 +37,11 @@ def trace(sweep: FinishedSweep, row: pd.Series, column: str, run: str) -> Iterat
         yield from _stage(folder)
         if folder == holder:
             break
-    yield f"  checkpoint  {_checked(holder.weights(step), marker.sha256)}"
+    if "results" in marker.made_by:
+        yield f"  checkpoint  the program's own, in {holder.work}"
+        yield f"  results     {_results(marker.made_by, spec.machine.val_ids)}"
+    else:
+        yield f"  checkpoint  {_checked(holder.weights(step), marker.sha256)}"
     yield f"  detections  {_checked(holder.detections(step), marker.detections_sha256)}"
     yield f"  scores      {holder.scores(step, sweep.protocol.id)}"
     again = score(read_detections(holder.detections(step)), sweep.validation, sweep.protocol)[
@@ -54,6 +60,8 @@ def _stage(folder: RunFolder) -> Iterator[str]:
     dirty = f" + uncommitted changes {made['fl3d.diff']}" if "fl3d.diff" in made else ""
     yield f"  stage       {stage.key}: {stage.epochs} epochs from step {stage.start_step}"
     yield f"              commit {marker.commit[:12]}{dirty}; {made.get('fl3d.packages', '')}"
+    if "program" in made:
+        yield f"              program {made['program.folder']}, {made['program']}"
     yield f"              on {made.get('fl3d.machine', 'unknown')}, device {spec.machine.device}"
 
 
@@ -64,4 +72,16 @@ def _checked(path: Path, sha256: str) -> str:
         return f"{path}: its digest was not recorded"
     return f"{path}: sha256 {sha256[:16]}, " + (
         "matches" if file_digest(path) == sha256 else "DOES NOT MATCH"
+    )
+
+
+def _results(made_by: Mapping[str, str], ids: Sequence[str]) -> str:
+    """Whether the result files of a checkpoint are what they were when it was scored."""
+    folder, sha256 = Path(made_by["results"]), made_by["results.sha256"]
+    try:
+        found = results_digest(folder, ids)
+    except DataError:
+        return f"{folder}: not kept (sha256 {sha256[:16]})"
+    return f"{folder}: sha256 {sha256[:16]}, " + (
+        "matches" if found == sha256 else "DOES NOT MATCH"
     )

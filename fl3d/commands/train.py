@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fl3d.analysis.found import sweep_verdicts
 from fl3d.commands.words import PUBLISHED
-from fl3d.config.compose import CONF, MAIN, check_overrides
+from fl3d.config.compose import CONF, MAIN, check_overrides, own_folders
 from fl3d.config.objects import build
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, Fl3dError, StoreError
 from fl3d.core.records import Config
@@ -71,7 +71,8 @@ def run(arguments: list[str]) -> None:
 
     # Hydra would print an error and a hint of its own; with the full error on, ours comes through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
-    sys.argv = ["python -m fl3d", *arguments]
+    own = [word for folder in own_folders() for word in ("--config-dir", str(folder))]
+    sys.argv = ["python -m fl3d", *arguments, *own]
     try:
         task()
     except HydraException as error:

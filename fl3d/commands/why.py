@@ -37,14 +37,23 @@ def run(arguments: list[str]) -> None:
         )
     pairs = [word for word in given.rest if "=" in word]
     row = [word for word in pairs if is_short(word) and is_one_value(word)]
-    words = [word for word in pairs if word not in row]
+    words = [word for word in pairs if word not in row or _is_detector(word)]
     sweep = open_words(read_words(words if names_sweep(words) else ["+sweep=gamma", *words]))
     swept = {key for trial in sweep.plan.trials for key in trial.values}
+    if DETECTOR not in swept:  # then it only says under which settings the sweep ran
+        row = [word for word in row if not _is_detector(word)]
     row += [  # written out: loss.gamma=2
-        word for word in words if word.partition("=")[0] in swept and is_one_value(word)
+        word
+        for word in words
+        if word.partition("=")[0] in swept - {DETECTOR} and is_one_value(word)
     ]
     values = {key: label_of(value) for key, (value,) in values_by_key(row).items()}
     explain(sweep, given.table, values, metrics[0])
+
+
+def _is_detector(word: str) -> bool:
+    """Whether a word names a detector, which may choose the sweep's protocol besides the row."""
+    return word.partition("=")[0] == DETECTOR
 
 
 def is_short(word: str) -> bool:

@@ -20,11 +20,53 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from fl3d.config.objects import make_importable
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
 MAIN = "config"
+# Folders of the user's own YAMLs, see ``search_also``. A process has one command line, and so one list of them.
+_OWN: list[Path] = []
+
+
+def search_also(folder: Path) -> None:
+    """Look for groups in a folder of the user's too, and for Python modules.
+
+    Args:
+        folder: holds ``detector/NAME.yaml``, ``sweep/NAME.yaml`` and the like, and modules that ``_target_`` names.
+
+    Raises:
+        ConfigError: there is no such folder, or a file in it has the place of one of fl3d's.
+    """
+    path = folder.resolve()
+    if not path.is_dir():
+        raise ConfigError(f"--config-dir {folder}: no such folder")
+    for file in sorted(path.glob("*/**/*.yaml")):
+        name = file.relative_to(path)
+        if (CONF / name).exists():
+            raise ConfigError(f"{file}: fl3d has a {name} of its own; give yours another name")
+    if path not in _OWN:
+        _OWN.append(path)
+        make_importable([str(path)])
+
+
+def own_folders() -> tuple[Path, ...]:
+    """The folders of the user's own, as they were added."""
+    return tuple(_OWN)
+
+
+def own_base() -> Path:
+    """What a relative folder in a user's YAML is relative to: the folder of the YAMLs, else the working folder."""
+    return _OWN[0] if _OWN else Path.cwd()
+
+
+def _searched(overrides: Sequence[str]) -> list[str]:
+    """Overrides, with the folders of the user's own."""
+    if not _OWN:
+        return list(overrides)
+    folders = ",".join(f"'file://{folder}'" for folder in _OWN)
+    return [f"hydra.searchpath=[{folders}]", *overrides]
 
 
 def compose_config(overrides: Sequence[str]) -> Config:
@@ -85,7 +127,7 @@ def multirun(overrides: Sequence[str]) -> Multirun:
     with _hydra():
         loader = GlobalHydra.instance().config_loader()
         try:
-            composed = loader.load_configuration(MAIN, list(overrides), RunMode.MULTIRUN)
+            composed = loader.load_configuration(MAIN, _searched(overrides), RunMode.MULTIRUN)
         except HydraException as error:
             raise ConfigError(str(error).strip()) from None
     return multirun_of(loader, composed, list(composed.hydra.overrides.task))
@@ -122,7 +164,7 @@ def _is_plain_value(override: Override, composed: DictConfig) -> bool:
         or override.package is not None
     ):
         return False
-    is_group = (CONF / override.key_or_group).is_dir()
+    is_group = any((place / override.key_or_group).is_dir() for place in (CONF, *_OWN))
     found = OmegaConf.select(composed, override.key_or_group, throw_on_resolution_failure=False)
     value = override.value()
     has_key = found is not None and not OmegaConf.is_config(found)
@@ -186,9 +228,7 @@ def check_overrides(overrides: Sequence[str]) -> None:
         ConfigError: the first override that does not fit.
     """
     parsed = [_parse(line) for line in overrides]
-    groups = {
-        Path(folder).relative_to(CONF).as_posix() for folder, _, files in _walk() if files
-    } - {"."}
+    groups = set().union(*(_groups(place) for place in (CONF, *_OWN)))
     chosen: list[str] = []
     keys: list[tuple[str, str]] = []
     for override in parsed:
@@ -210,8 +250,15 @@ def check_overrides(overrides: Sequence[str]) -> None:
                 _check_key(base, key, line, groups)
 
 
-def _walk() -> Iterator[tuple[str, list[str], list[str]]]:
-    return os.walk(CONF, followlinks=True)  # conf/sweep is a link to sweeps/
+def _groups(place: Path) -> set[str]:
+    """Folders below one that hold YAMLs."""
+    walked = os.walk(place, followlinks=True)  # conf/sweep is a link to sweeps/
+    found = {
+        Path(folder).relative_to(place).as_posix()
+        for folder, _, files in walked
+        if any(file.endswith(".yaml") for file in files)
+    }
+    return found - {"."}
 
 
 def _parse(line: str) -> Override:
@@ -229,10 +276,16 @@ def _choices(value: Any) -> list[str]:
 
 
 def _check_option(group: str, option: str) -> None:
-    present = [p.stem for p in (CONF / group).glob("*.yaml")]
+    places = (CONF, *_OWN)
+    present = [
+        path.relative_to(place / group).with_suffix("").as_posix()
+        for place in places
+        for path in (place / group).rglob("*.yaml")
+    ]
     if option not in present:
+        own = "".join(f" or {place / group}" for place in _OWN)
         raise ConfigError(
-            f"{group}={option}: no such file in conf/{group}. {options(option, present)}"
+            f"{group}={option}: no such file in conf/{group}{own}. {options(option, present)}"
         )
 
 
@@ -255,7 +308,7 @@ def _check_key(base: DictConfig, key: str, line: str, groups: set[str]) -> None:
 
 def _compose(overrides: Sequence[str]) -> DictConfig:
     try:
-        return compose(MAIN, overrides=list(overrides), return_hydra_config=False)
+        return compose(MAIN, overrides=_searched(overrides), return_hydra_config=False)
     except HydraException as error:
         raise ConfigError(str(error).strip()) from None
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import sys
+from collections.abc import Iterable
 from typing import Any
 
 from hydra.errors import HydraException
@@ -49,3 +51,10 @@ def locate(target: str, name: str) -> Any:
         return get_class(target)
     except Exception as error:
         raise ConfigError(f"{name}: {error}") from None
+
+
+def make_importable(folders: Iterable[str]) -> None:
+    """Let ``_target_`` name modules in folders of the user's own."""
+    for folder in folders:
+        if folder not in sys.path:
+            sys.path.insert(0, folder)

@@ -231,6 +231,14 @@ def read_stage_settings(config: Config) -> StageSettings:
     )
 
 
+def stage_folder(config: Config, root: Path) -> KittiFolder:
+    """A KITTI folder, read as a stage's config says, whatever trains it."""
+    data = config["data"]
+    cloud = CloudFormat(**data.get("cloud", {}))
+    size = checked_size(data.get("image_size"))
+    return KittiFolder(root, data["crop"], data["calibration"], cloud, size)
+
+
 def _data(section: Mapping[str, Any]) -> DataSettings:
     paths = {key: section[key] for key in ("root", "mapping")}
     read: dict[str, Any] = {

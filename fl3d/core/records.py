@@ -9,6 +9,12 @@ from typing import Any
 Config = dict[str, Any]
 
 
+def detector_label(config: Mapping[str, Any]) -> str:
+    """What files and trees call a config's detector: its name where a command trains it, else its class."""
+    section = config["detector"]
+    return str(section.get("name") or section["_target_"].rpartition(".")[2])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stage:
     """One stretch of training under one config.
@@ -50,8 +56,8 @@ class Stage:
 
     @property
     def class_name(self) -> str:
-        """Name of its detector's class."""
-        return self.target.rpartition(".")[2]
+        """Name of its detector's class, or of the program that trains it."""
+        return detector_label(self.config)
 
     def own_epoch(self, step: int) -> int:
         """Epochs of its own that a checkpoint at a step has behind it."""
@@ -100,10 +106,10 @@ class Checkpoint:
         stage: key.
         step: since the beginning of the first stage.
         epoch: completed, since the beginning of the first stage.
-        lr: learning rate of the last step.
+        lr: learning rate of the last step; None: a command does not tell it.
         losses: mean of each loss term since the checkpoint before.
         seconds: of training since the checkpoint before, and of detection and scoring.
-        sha256: of the weights file.
+        sha256: of the weights file; empty where a command keeps its own.
         detections_sha256: of the detections file.
         time_ms: when it was made, milliseconds since 1970.
         made_by: commit, versions and machine, see ``provenance``.
@@ -112,7 +118,7 @@ class Checkpoint:
     stage: str
     step: int
     epoch: int
-    lr: float
+    lr: float | None
     losses: Mapping[str, float]
     seconds: Mapping[str, float]
     sha256: str

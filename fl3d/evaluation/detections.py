@@ -22,6 +22,8 @@ from fl3d.data.projection import project_boxes
 from fl3d.evaluation.average_precision import Comparison, compare, evaluate
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.recall import OVERLAPS, best_overlaps
+from fl3d.evaluation.results import from_parquet, is_results
+from fl3d.evaluation.stored import StoredDetections
 from fl3d.geometry.boxes import count_points_inside, rectangles_velo, spans_velo
 from fl3d.geometry.nms import nms
 
@@ -31,7 +33,7 @@ Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Detections:
+class Detections(StoredDetections):
     """Boxes of several frames, frame by frame, best score first.
 
     Args:
@@ -57,6 +59,20 @@ class Detections:
             None if self.boxes_image is None else self.boxes_image[rows],
         )
 
+    def cars(
+        self,
+        index: int,
+        calibration: Calibration,
+        image_size: tuple[int, int],
+        protocol: Protocol,
+    ) -> Labels:
+        """See ``to_labels``."""
+        return to_labels(*self.of(index), calibration, image_size, protocol)
+
+    def boxes_of(self, index: int, calibration: Calibration) -> Float:
+        """See ``StoredDetections``."""
+        return self.of(index)[0]
+
 
 def write_detections(path: Path, detections: Detections) -> None:
     """Store as Parquet: a row a box, the frames' list in the metadata."""
@@ -68,14 +84,16 @@ def write_detections(path: Path, detections: Detections) -> None:
     write_atomically(path, lambda temporary: pq.write_table(table, temporary, compression="zstd"))
 
 
-def read_detections(path: Path) -> Detections:
-    """Read what ``write_detections`` wrote.
+def read_detections(path: Path) -> StoredDetections:
+    """Read what ``write_detections`` or ``results.write_results`` wrote.
 
     Raises:
         DataError: the file is missing or is not such a file.
     """
     try:
         table = pq.read_table(path)
+        if is_results(table):
+            return from_parquet(table)
         frame_ids = tuple(table.schema.metadata[b"frame_ids"].decode().split())
         boxes = np.column_stack([table[name].to_numpy() for name in BOX_COLUMNS])
         image = None
@@ -185,9 +203,9 @@ def to_labels(
 
 
 def compare_stored(
-    detections: Detections, validation: Validation, protocol: Protocol
+    detections: StoredDetections, validation: Validation, protocol: Protocol
 ) -> Comparison:
-    """A checkpoint's detections of cars, cut and suppressed, held against the labels.
+    """A checkpoint's detections, as the protocol sees them, held against the labels.
 
     Args:
         detections: as stored.
@@ -199,12 +217,9 @@ def compare_stored(
     """
     if detections.frame_ids != validation.ids:
         raise DataError("detections are of other frames than the validation split", "detections")
-    results = []
-    for index in range(len(validation.ids)):
-        calibration, size = validation.calibrations[index], validation.image_sizes[index]
-        results.append(to_labels(*detections.of(index), calibration, size, protocol))
+    det = detections.table(validation.calibrations, validation.image_sizes, protocol)
     gt, beyond, points = ground_truths(validation, protocol)
-    return compare(gt, table_from_labels(results), protocol, beyond, points)
+    return compare(gt, det, protocol, beyond, points)
 
 
 def ground_truths(
@@ -227,7 +242,9 @@ def ground_truths(
     return table_from_labels(validation.labels), np.concatenate(beyond), points
 
 
-def score(detections: Detections, validation: Validation, protocol: Protocol) -> dict[str, float]:
+def score(
+    detections: StoredDetections, validation: Validation, protocol: Protocol
+) -> dict[str, float]:
     """AP of a checkpoint's detections of cars, and recall of all its boxes; arguments and errors as ``compare_stored``.
 
     Returns:
@@ -247,7 +264,7 @@ def score(detections: Detections, validation: Validation, protocol: Protocol) ->
 
 
 def _cars_and_boxes(
-    detections: Detections, validation: Validation, protocol: Protocol
+    detections: StoredDetections, validation: Validation, protocol: Protocol
 ) -> list[tuple[Float, Float]]:
     """Of each frame every car within the protocol's area, whatever its difficulty, and every stored box."""
     found = []
@@ -256,7 +273,7 @@ def _cars_and_boxes(
     ):
         cars = (labels.types == "Car") & ~_beyond(labels, calibration, protocol)
         objects = calibration.boxes_to_velo(labels.boxes_cam[cars])
-        found.append((objects, detections.of(index)[0]))
+        found.append((objects, detections.boxes_of(index, calibration)))
     return found
 
 

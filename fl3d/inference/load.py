@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fl3d.config.objects import build
+from fl3d.config.objects import build, make_importable
 from fl3d.core.errors import CheckpointError, ConfigError
 from fl3d.core.records import Config
 from fl3d.detectors.base import Detector
@@ -18,6 +18,11 @@ def build_detector(config: Config) -> Detector:
     Raises:
         ConfigError: the config's ``detector`` or ``loss`` cannot be built, or is no detector.
     """
+    if not config.get("loss"):
+        raise ConfigError(
+            "loss: none is given; the detector's YAML must have one, such as "
+            "loss: {_target_: fl3d.losses.DetectionLoss, gamma: 0.0}"
+        )
     loss = build(config["loss"], "loss")
     detector = build(config["detector"], "detector", loss=loss)
     if not isinstance(detector, Detector):
@@ -38,6 +43,7 @@ def load(folder: RunFolder, step: int, device: str = "cpu") -> Detector:
         CheckpointError: its weights cannot be read, or are of a version of fl3d whose network differs.
     """
     spec = read_spec(folder)
+    make_importable(spec.machine.modules)
     prepare(spec.settings.seed, device, spec.settings.precision)
     weights = folder.weights(step)
     try:

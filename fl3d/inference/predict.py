@@ -120,7 +120,12 @@ def find_checkpoint(path: Path) -> tuple[RunFolder, int]:
     wanted = steps[-1:] if path.is_dir() else named
     if not wanted:
         possible = ", ".join(str(folder.weights(step)) for step in steps) or "none"
-        raise CheckpointError(f"{path}: no weights. Possible: {possible}")
+        own = (
+            f"; a command trained it, whose own are in {folder.work}"
+            if folder.work.exists()
+            else ""
+        )
+        raise CheckpointError(f"{path}: no weights. Possible: {possible}{own}")
     return folder, wanted[0]
 
 

@@ -26,6 +26,7 @@ from fl3d.reports.levels import levels_table, slug
 from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
 from fl3d.runs.finished import FinishedSweep, levels_of
+from fl3d.runs.plans import is_of_program
 from fl3d.runs.scores import score_file, write_score_file
 
 Say = Callable[[str], None]
@@ -33,8 +34,14 @@ GENERIC_AVERAGE = "R40"  # of tables that no paper prescribes: KITTI's own since
 CUTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 
 
-def protocol_note(settings: Settings, average: str = "R11") -> str:
-    """What a reader must know of a table's APs."""
+def protocol_note(settings: Settings, average: str = "R11", of_results: bool = False) -> str:
+    """What a reader must know of a table's APs.
+
+    Args:
+        settings: of the sweep.
+        average: R11 or R40.
+        of_results: whether they are of result files, which programs have suppressed themselves.
+    """
     protocol = settings.protocol
     of_metric = dict(zip(METRICS, protocol.overlaps["Car"], strict=True))
     overlaps = " / ".join(f"{of_metric[metric]:g}" for metric in protocol.metrics)
@@ -46,9 +53,10 @@ def protocol_note(settings: Settings, average: str = "R11") -> str:
         if area
         else ""
     )
+    suppression = "NMS as the programs did it" if of_results else f"NMS {protocol.nms_iou:g}"
     return (
         f"Data {settings.data.name}, profile {settings.profile}; Car, {average}, overlaps {overlaps} "
-        f"({names}){levels}; score cut {protocol.score_threshold:g}, NMS {protocol.nms_iou:g}{limit}."
+        f"({names}){levels}; score cut {protocol.score_threshold:g}, {suppression}{limit}."
     )
 
 
@@ -89,13 +97,17 @@ def make_tables(
 
 def generic_tables(sweep: FinishedSweep, groups: Sequence[str]) -> list[Table]:
     """Last models of some groups by level, as no paper prescribes it."""
-    notes = (protocol_note(sweep.settings, GENERIC_AVERAGE),)
     last = sweep.select("last")
     levels = levels_of(sweep)
-    return [
-        levels_table(last, group, levels, generic_name(sweep, group), GENERIC_AVERAGE, notes)
-        for group in groups
-    ]
+    tables = []
+    for group in groups:
+        of_results = any(
+            is_of_program(trial.plan) for trial in sweep.trials if trial.group == group
+        )
+        notes = (protocol_note(sweep.settings, GENERIC_AVERAGE, of_results),)
+        name = generic_name(sweep, group)
+        tables.append(levels_table(last, group, levels, name, GENERIC_AVERAGE, notes))
+    return tables
 
 
 def write_sweep(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from PIL import Image
 
-from fl3d.evaluation.detections import read_detections, to_labels
+from fl3d.evaluation.detections import read_detections
 from fl3d.reports.figures.boxes import Scene
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import RunFolder
@@ -29,7 +29,7 @@ def scenes_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> list[Scene]
     scenes = []
     for index in np.argsort(-cars, kind="stable")[:SHOWN]:
         frame = kitti.frame(stored.frame_ids[index])
-        found = to_labels(*stored.of(index), frame.calibration, frame.image_size, sweep.protocol)
+        found = stored.cars(index, frame.calibration, frame.image_size, sweep.protocol)
         picture = kitti.path("image_2", frame.id)
         image = np.asarray(Image.open(picture).convert("RGB")) if picture.exists() else None
         scenes.append(Scene(frame, image, found))

@@ -15,7 +15,6 @@ from fl3d.core.errors import StoreError, options
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.detections import (
-    Detections,
     Validation,
     compare_stored,
     read_detections,
@@ -23,6 +22,7 @@ from fl3d.evaluation.detections import (
 )
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import select
+from fl3d.evaluation.stored import StoredDetections
 from fl3d.reports.levels import Levels
 from fl3d.runs.design import SEED, baseline_level, factor_name, in_order, label_of
 from fl3d.runs.layout import RunFolder, StoreFolder
@@ -226,7 +226,7 @@ class FinishedSweep:
         """Labels and calibrations of its validation frames."""
         return read_validation(self.kitti(), read_spec(self.trials[0].folder).machine.val_ids)
 
-    def detections(self, trial: FinishedTrial, step: int | None = None) -> Detections:
+    def detections(self, trial: FinishedTrial, step: int | None = None) -> StoredDetections:
         """What a checkpoint of a trial predicted on the validation frames; None: its last one."""
         at = trial.last_step if step is None else step
         return read_detections(trial.holder(at).detections(at))

@@ -55,6 +55,25 @@ class RunFolder:
         """Traceback of the last failure."""
         return self.path / "error.txt"
 
+    @property
+    def work(self) -> Path:
+        """Where a command runs and keeps what is its own; empty of a network."""
+        return self.path / "work"
+
+    @property
+    def command_log(self) -> Path:
+        """All that the command has printed, start after start."""
+        return self.path / "command.log"
+
+    @property
+    def command_exits(self) -> Path:
+        """What the command's starts came to, a line each."""
+        return self.path / "exits.jsonl"
+
+    def split(self, name: str) -> Path:
+        """The ids of training or validation frames, for a command to read."""
+        return self.path / "splits" / f"{name}.txt"
+
     def weights(self, step: int) -> Path:
         """Weights, optimiser, generators and position."""
         return self.path / "checkpoints" / f"{step:08d}.pt"

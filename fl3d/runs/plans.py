@@ -73,6 +73,11 @@ class FrozenPlan:
         return {key for trial in self.trials for key in trial.stages} | set(self.earlier)
 
 
+def is_of_program(trial: FrozenTrial) -> bool:
+    """Whether a trial's detections are result files of somebody's program, see ``evaluation.results``."""
+    return "detector.program.digest" in trial.config
+
+
 def freeze(trial: Trial, config: Mapping[str, Any]) -> FrozenTrial:
     """A trial with what can change a result, by dotted key."""
     return FrozenTrial(

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from fl3d.config.settings import StageSettings, read_stage_settings
+from fl3d.config.settings import StageSettings, read_stage_settings, stage_folder
 from fl3d.core.errors import StoreError
 from fl3d.core.files import write_text
 from fl3d.core.records import Stage
@@ -33,6 +33,7 @@ class Machine:
         protocol: that its checkpoints are scored under.
         keep_every: epochs between checkpoints whose weights are kept; None: only the last and the best.
         provenance: commit, versions and machine, see ``core.provenance``.
+        modules: folders of the user's own Python modules.
     """
 
     data_root: Path
@@ -45,6 +46,7 @@ class Machine:
     save_every_steps: int | None = None
     keep_every: int | None = None
     provenance: Mapping[str, str] = field(default_factory=dict)
+    modules: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Spec:
         Args:
             root: where they lie now; None: where they lay when the stage was started.
         """
-        return self.settings.folder(root or self.machine.data_root)
+        return stage_folder(self.stage.config, root or self.machine.data_root)
 
 
 def write_spec(folder: RunFolder, spec: Spec) -> None:
@@ -90,7 +92,7 @@ def read_spec(folder: RunFolder) -> Spec:
     try:
         written: dict[str, Any] = json.loads(folder.spec.read_text())
         machine = written["machine"]
-        ids = {key: tuple(machine[key]) for key in ("train_ids", "val_ids")}
+        ids = {key: tuple(machine.get(key, ())) for key in ("train_ids", "val_ids", "modules")}
         places = {
             "data_root": Path(machine["data_root"]),
             "protocol": Protocol(**machine["protocol"]),
@@ -104,17 +106,17 @@ def read_spec(folder: RunFolder) -> Spec:
         raise StoreError(f"{folder.spec}: is not a stage's spec ({error})") from None
 
 
-def write_progress(folder: RunFolder, step: int, steps: int) -> None:
-    """Say how far a stage is: steps of its own."""
+def write_progress(folder: RunFolder, step: float, steps: int) -> None:
+    """Say how far a stage is: steps of its own, in parts where it tells them."""
     write_text(folder.progress, json.dumps({"step": step, "steps": steps}))
 
 
-def steps_done(folder: RunFolder, stage: Stage) -> int:
+def steps_done(folder: RunFolder, stage: Stage) -> float:
     """Steps of its own that a stage has behind it, by its progress file."""
     if folder.is_done:
         return stage.steps
     try:
-        return int(json.loads(folder.progress.read_text())["step"])
+        return float(json.loads(folder.progress.read_text())["step"])
     except (OSError, ValueError, KeyError):
         return 0
 

@@ -24,6 +24,7 @@ from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import read_spec
 from fl3d.sweep.plan import Plan, longest_paths
 from fl3d.training.build import build_optimizer
+from fl3d.training.command import is_command
 
 BACKWARD = 2  # a backward pass costs twice a forward one
 BOX_BYTES, IMAGE_BOX_BYTES = (
@@ -42,6 +43,7 @@ class Cost:
         flops: of training and of detection on the validation frames, by the network's dense layers.
         weights_bytes: of its checkpoints' weights and optimisers, as long as all are kept.
         detection_bytes: of what they predict on the validation frames, at most.
+        is_known: whether there is a time at all: of a command none is guessed.
         is_measured: whether the time comes from stages of the same network, or from its FLOPs, and from how much longer
             than theirs the same detector's other networks took.
     """
@@ -51,6 +53,7 @@ class Cost:
     weights_bytes: float
     detection_bytes: float
     is_measured: bool
+    is_known: bool = True
 
     @property
     def bytes(self) -> float:
@@ -95,6 +98,8 @@ class Costs:
 
     def cost(self, stage: Stage) -> Cost:
         """Of one stage, from its first step to its last."""
+        if is_command(stage.config):
+            return self._of_command(stage)
         network = self._network(stage)
         settings = read_stage_settings(stage.config)
         n_checkpoints = len(checkpoint_epochs(stage))
@@ -119,9 +124,23 @@ class Costs:
             is_measured=known is not None,
         )
 
+    def _of_command(self, stage: Stage) -> Cost:
+        """What commands of the same name took; what they compute and write is their own."""
+        known = self._known_rate(stage)
+        step, frame = known or (0.0, 0.0)
+        return Cost(
+            seconds=stage.steps * (step + self.n_val * frame),
+            flops=0.0,
+            weights_bytes=0.0,
+            detection_bytes=0.0,
+            is_measured=known is not None,
+            is_known=known is not None,
+        )
+
     def seconds(self, stage: Stage) -> float:
-        """Predicted for one stage, on one slot."""
-        return self.cost(stage).seconds
+        """Predicted for one stage, on one slot; where nothing is known of a command, its epochs."""
+        cost = self.cost(stage)
+        return cost.seconds if cost.is_known else float(stage.epochs)
 
     def learn(self) -> None:
         """Read how long the checkpoints below the folder took; those that were read before are passed over."""
@@ -141,7 +160,12 @@ class Costs:
         stage, n_val = self._stages[folder.key]
         seconds = read_marker(folder, step).seconds
         if all(name in seconds for name in PURPOSES):
-            steps = stage.epoch_steps * read_stage_settings(stage.config).checkpoint_every
+            if is_command(stage.config):  # which may write results of some epochs only
+                steps = step - max(
+                    (s for s in folder.steps() if s < step), default=stage.start_step
+                )
+            else:
+                steps = stage.epoch_steps * checkpoint_every(stage)
             rate = seconds["training"] / steps, (seconds["detection"] + seconds["scoring"]) / n_val
             self._rates.setdefault((_kind(stage), stage.name), []).append(rate)
             self._medians.clear()
@@ -162,7 +186,7 @@ class Costs:
     def _slowness(self, target: str) -> float:
         """How much longer than their FLOPs say a detector's other networks took a step; 1: none was seen."""
         for stage, _ in self._stages.values():
-            if stage.target == target:
+            if stage.target == target and not is_command(stage.config):
                 with contextlib.suppress(ConfigError):  # an older version's
                     self._network(stage)
         found = [
@@ -194,6 +218,8 @@ class Costs:
 def _kind(stage: Stage) -> str:
     """Stages of one kind have the same network and take the same time a step."""
     config = stage.config
+    if is_command(config):
+        return digest([config["detector"]["name"], config["detector"]["program"]["folder"]])
     settings = read_stage_settings(config)
     optimizer = config["optimizer"]["_target_"]
     arithmetic = (settings.precision, settings.compile)
@@ -201,9 +227,14 @@ def _kind(stage: Stage) -> str:
 
 
 def checkpoint_epochs(stage: Stage) -> list[int]:
-    """A stage's own epochs after which it has a checkpoint."""
-    every = read_stage_settings(stage.config).checkpoint_every
+    """A stage's own epochs after which it has a checkpoint; of a command each may have one."""
+    every = 1 if is_command(stage.config) else checkpoint_every(stage)
     return sorted({*range(every, stage.epochs + 1, every), stage.epochs})
+
+
+def checkpoint_every(stage: Stage) -> int:
+    """Epochs between the checkpoints of a network."""
+    return read_stage_settings(stage.config).checkpoint_every
 
 
 def makespan(plan: Plan, seconds: Mapping[str, float], slots: int) -> float:

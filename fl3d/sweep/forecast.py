@@ -61,7 +61,9 @@ class Forecast:
         """Lines of epochs, time, FLOPs and disk."""
         lines = [self._epochs()]
         if self.todo:
-            lines += [self._time(), self._work(), self._disk()]
+            lines.append(self._time())
+        if any(self.costs[key].flops for key in self.todo):  # of a command neither is known
+            lines += [self._work(), self._disk()]
         return lines
 
     def price(self, group: str, n_seeds: int) -> str:
@@ -81,6 +83,8 @@ class Forecast:
         kept = sum(self._kept_bytes(key) for key in todo)
         kept += further * sum(self._kept_bytes(key) for key in stages)
         longest = max(sum(whole[key] for key in trial.stages) for trial in trials)
+        if not all(self.costs[key].is_known for key in stages):
+            return "for a time that is not known yet"
         seconds = max(work / self.slots, longest if further else 0.0)
         return f"{_span(seconds)} on {self.slots} at once, {_bytes(kept)} kept"
 
@@ -90,6 +94,8 @@ class Forecast:
         return f"  epochs  {shared}{_by_detector(self.plan)}; {todo} to train"
 
     def _time(self) -> str:
+        if not all(self.costs[key].is_known for key in self.todo):
+            return "  time    not known until a command of this program has written results here"
         seconds = {key: self.costs[key].seconds * self.left[key] for key in self.todo}
         until = _span(makespan(self.plan, seconds, self.slots))
         work = _span(sum(seconds.values()))
@@ -132,6 +138,8 @@ class Forecast:
         if holder is not None:
             return f"in training by {holder}, {1 - left:.0%}"
         begun = f"{1 - left:.0%} done, " if left < 1 else ""
+        if not self.costs[stage.key].is_known:
+            return f"{begun}to train"
         return f"{begun}{_span(self.costs[stage.key].seconds * left)} to train"
 
 
@@ -145,19 +153,14 @@ def _by_detector(plan: Plan) -> str:
     """Epochs of each detector, where there are several."""
     shared: dict[str, int] = {}
     for stage in plan.stages.values():
-        shared[_detector(stage)] = shared.get(_detector(stage), 0) + stage.epochs
+        shared[stage.class_name] = shared.get(stage.class_name, 0) + stage.epochs
     plain = dict.fromkeys(shared, 0)
     for trial in plan.trials:
         for key in trial.stages:
-            plain[_detector(plan.stages[key])] += plan.stages[key].epochs
+            plain[plan.stages[key].class_name] += plan.stages[key].epochs
     if len(shared) < 2:
         return ""
     return f" ({', '.join(f'{name} {shared[name]} of {plain[name]}' for name in sorted(shared))})"
-
-
-def _detector(stage: Stage) -> str:
-    """Name of its class."""
-    return str(stage.config["detector"]["_target_"]).rpartition(".")[2]
 
 
 def _bytes(count: float) -> str:

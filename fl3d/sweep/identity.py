@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
 from fl3d.core.records import Config
+from fl3d.training.command import (
+    command_of,
+    is_command,
+    places_of,
+    reading_part,
+    trained_part,
+)
+from fl3d.training.templates import names_in
 
 # Keys that can change the weights, the detections or the scores' steps of a stage.
 RESULT = (
@@ -64,6 +72,10 @@ BOOKKEEPING = (
     "device",
     "workers",
 )
+# Keys of a detector that a command trains, besides those that the command names: the section itself, what its stages
+# are, and what its frames are read by.
+FRAMES = ("data.crop", "data.calibration", "data.cloud.*", "data.image_size")
+COMMAND_RESULT = ("detector.*", "schedule.stages.*", *FRAMES)
 
 
 def leaves(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -82,16 +94,81 @@ def matches(key: str, patterns: tuple[str, ...]) -> bool:
 
 
 def result_config(config: Config) -> Config:
-    """The part of a config that can change a result."""
+    """The part of a config that can change a result; of a command's what it names, and nothing else."""
+    if not is_command(config):
+        return _kept(config, lambda key: matches(key, RESULT))
+    named = [name for name in places_of(config) if not matches(name, BOOKKEEPING)]
+    return _kept(config, lambda key: matches(key, COMMAND_RESULT) or _is_within(key, named))
+
+
+def _kept(config: Config, wanted: Callable[[str], bool]) -> Config:
+    """The leaves of a config whose dotted keys are wanted."""
     kept: Config = {}
     for key, value in leaves(config):
-        if matches(key, RESULT) and not (key in USUAL and value == USUAL[key]):
+        if wanted(key) and not (key in USUAL and value == USUAL[key]):
             node = kept
             *parents, last = key.split(".")
             for part in parents:
                 node = node.setdefault(part, {})
             node[last] = value
     return kept
+
+
+def _is_within(key: str, names: Sequence[str]) -> bool:
+    """Whether a dotted key is one of some, or of a section that is one of them."""
+    return any(key == name or key.startswith(f"{name}.") for name in names)
+
+
+def of_command_stage(config: Config, whole: Config, has_parent: bool) -> Config:
+    """The config of a stage that a command trains: what its own command names, not those of the other stages.
+
+    Args:
+        config: the part of the trial's that can change a result, with the stage's changes.
+        whole: the trial's, with the stage's changes.
+        has_parent: whether the stage goes on from another.
+    """
+    command = command_of(config["detector"])
+    named = [name for name in command.places(has_parent) if not matches(name, BOOKKEEPING)]
+    always = ("detector.*", "schedule.stage.epochs", *FRAMES)
+    kept = _kept(config, lambda key: matches(key, always) or _is_within(key, named))
+    texts = (command.resume, command.results, command.checkpoint or "")
+    others = [name for text in texts for name in names_in(text, "detector")]
+    others += [name for name in command.places(has_parent) if matches(name, BOOKKEEPING)]
+    places = {name: value_at(whole, name) for name in others if has_key(whole, name)}
+    # What is added where there is a parent is nothing to a stage that has none.
+    own = {"places": places} if has_parent else {"places": places, "from_parent": []}
+    return {**kept, "detector": {**config["detector"], **own}}
+
+
+def has_key(config: Mapping[str, Any], name: str) -> bool:
+    """Whether a nested config has a dotted key."""
+    node: Any = config
+    for part in name.split("."):
+        if not isinstance(node, Mapping) or part not in node:
+            return False
+        node = node[part]
+    return True
+
+
+def value_at(config: Mapping[str, Any], name: str) -> Any:
+    """The value, or the section, at a dotted key that is there."""
+    node: Any = config
+    for part in name.split("."):
+        node = node[part]
+    return node
+
+
+def hashed(config: Config) -> Config:
+    """What of a stage's config enters its key."""
+    if not is_command(config):
+        return {str(key): value for key, value in with_stable_names(config).items()}
+    others = {key: value for key, value in config.items() if key != "detector"}
+    return {**others, "detector": trained_part(config["detector"])}
+
+
+def reading(config: Config) -> Config:
+    """What of a stage's config enters no key, and yet decides which files its checkpoints are read from."""
+    return reading_part(config["detector"]) if is_command(config) else {}
 
 
 def stable_name(target: str) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fl3d.core.records import Trial
 from fl3d.data.kitti import KittiFolder
-from fl3d.evaluation.detections import Validation, read_detections, to_labels
+from fl3d.evaluation.detections import Validation, read_detections
 from fl3d.evaluation.protocol import Protocol
 from fl3d.reports.figures.boxes import birds_eye
 from fl3d.runs.layout import StoreFolder
@@ -23,7 +23,7 @@ def draw_frame_with_most_cars(
 
     def draw(trial: Trial, step: int, target: Path) -> list[Path]:
         stored = read_detections(layout.run(trial.key).detections(step))
-        found = to_labels(*stored.of(index), frame.calibration, frame.image_size, protocol)
+        found = stored.cars(index, frame.calibration, frame.image_size, protocol)
         title = f"{' '.join(trial.overrides)}, step {step}, frame {frame.id}"
         return birds_eye(frame, found, protocol.ignore_beyond, title, target / "birds_eye")
 

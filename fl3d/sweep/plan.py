@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError, options
-from fl3d.core.records import Config, Stage, Trial
-from fl3d.sweep.identity import result_config, stable_name, targets, with_stable_names
+from fl3d.core.records import Config, Stage, Trial, detector_label
+from fl3d.sweep.identity import hashed, of_command_stage, result_config, stable_name, targets
+from fl3d.training.command import is_command
 
 # Raised when the same stage gets another key. 2: classes are hashed by stable names, not by import paths.
 KEY_VERSION = 2
@@ -119,7 +121,7 @@ def trial_stages(
 def _stage(
     config: Config, name: str, parent: Stage | None, data: DataInfo, versions: Sequence[object]
 ) -> Stage:
-    stage_config = configure_stage(config, name)
+    stage_config = configure_stage(config, name, has_parent=parent is not None)
     return Stage(
         key=stage_key(stage_config, name, parent, data, versions),
         name=name,
@@ -128,7 +130,10 @@ def _stage(
         start_epoch=parent.start_epoch + parent.epochs if parent else 0,
         start_step=parent.end_step if parent else 0,
         epochs=config["schedule"]["stages"][name]["epochs"],
-        epoch_steps=_epoch_steps(stage_config["schedule"], data.n_train),
+        # What a command does within an epoch is its own.
+        epoch_steps=1
+        if is_command(config)
+        else _epoch_steps(stage_config["schedule"], data.n_train),
     )
 
 
@@ -168,13 +173,21 @@ def _epoch_steps(schedule: Mapping[str, Any], n_train: int) -> int:
     return math.ceil((schedule["frames_per_epoch"] or n_train) / schedule["batch_size"])
 
 
-def configure_stage(config: Config, name: str) -> Config:
+def configure_stage(config: Config, name: str, has_parent: bool = False) -> Config:
     """The config that one stage is trained under: the trial's, with the stage's own changes (``set``)."""
+    merged = with_stage(result_config(config), config, name)
+    if not is_command(config):
+        return merged
+    return of_command_stage(merged, with_stage(config, config, name), has_parent)
+
+
+def with_stage(part: Config, config: Config, name: str) -> Config:
+    """A config, or a part of it, with the changes of one of its stages."""
     own = config["schedule"]["stages"][name]
-    merged = _merge(result_config(config), own.get("set") or {})
+    merged = _merge(part, own.get("set") or {})
     schedule = dict(merged["schedule"])
     del schedule["stages"]
-    schedule["stage"] = {"epochs": own["epochs"], "lr_factor": own["lr_factor"]}
+    schedule["stage"] = {"epochs": own["epochs"], "lr_factor": own.get("lr_factor", 1.0)}
     return {**merged, "schedule": schedule}
 
 
@@ -184,12 +197,12 @@ def stage_key(
     """Readable identity: detector, stage, and a hash of the config, the parent, the data and the versions."""
     content: dict[str, Any] = {
         "keys": KEY_VERSION,
-        "config": with_stable_names(config),
+        "config": hashed(config),
         "parent": parent.key if parent else None,
         "data": data.digest,
         "versions": list(versions),
     }
-    detector = config["detector"]["_target_"].rsplit(".", 1)[-1].lower()
+    detector = re.sub(r"[^a-z0-9]+", "_", detector_label(config).lower())
     return f"{detector}-{name}-{digest(content)[:10]}"
 
 

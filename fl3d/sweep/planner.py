@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
-import torch
-
-from fl3d.config.objects import locate
-from fl3d.config.settings import Settings, read_stage_settings
+from fl3d.config.settings import Settings
 from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config, Stage, Trial
-from fl3d.inference.load import build_detector
-from fl3d.inference.precision import check_precision
 from fl3d.runs.design import Design, asked_label, baseline_level, make_design, refuse_twins
 from fl3d.runs.plans import FrozenPlan, freeze
+from fl3d.sweep.detectors import planned
 from fl3d.sweep.identity import leaves, result_config
-from fl3d.sweep.plan import DataInfo, DetectorInfo, Plan, check_names, trial_stages
+from fl3d.sweep.plan import DataInfo, Plan, check_names, trial_stages
 from fl3d.sweep.sweepers.base import Point
-from fl3d.training.build import build_augmentation, build_optimizer
-from fl3d.training.trainer import VERSION as TRAINER_VERSION
 
 # Config sections that all trials of a sweep share: one dataset, one protocol, one store.
 SHARED = (
@@ -87,7 +80,7 @@ class Planner:
         stages = dict(before.stages)
         for point in points:
             trial, chain = self._lay_out(point)
-            trials.setdefault(trial.key, trial)
+            _refuse_unused(trial, trials.setdefault(trial.key, trial))
             for stage in chain:
                 stages.setdefault(stage.key, stage)
         refuse_twins(trials.values())
@@ -124,13 +117,15 @@ class Planner:
 
     def _lay_out(self, point: Point) -> tuple[Trial, list[Stage]]:
         """The trial of one point, and its stages."""
-        config = point.config
-        self._check(point)
-        detector = self._detector(config)
-        stages = trial_stages(config, self.data, TRAINER_VERSION, detector)
+        self._check_shared(point)
+        its = planned(point.config)
+        its.check()
+        config = its.config
+        detector = its.info(self.data)
+        stages = trial_stages(config, self.data, its.trainer_version, detector)
         for stage in stages:
             if stage.key not in self._checked:
-                self._check_stage(stage)
+                its.check_stage(stage, self.settings.device)
                 self._checked.add(stage.key)
         trial = Trial(
             key=stages[-1].key,
@@ -146,48 +141,23 @@ class Planner:
         )
         return trial, stages
 
-    def _detector(self, config: Config) -> DetectorInfo:
-        """What a detector found by a 2D detector belongs to its version where it reads that.
-
-        Raises:
-            ConfigError: it reads 2D detections, and there are none.
-        """
-        kind: Any = locate(config["detector"]["_target_"], "detector._target_")
-        version: object = kind.VERSION
-        if kind.IMAGE_BOXES:
-            if self.data.image_digest is None:
-                raise ConfigError(
-                    f"detector: {kind.NAME} needs 2D boxes, rgb_detections/rgb_detection_{{train,val}}.txt in data.root"
-                )
-            version = [kind.VERSION, self.data.image_digest]
-        return DetectorInfo(kind.NAME, version, kind.STAGES)
-
-    def _check(self, point: Point) -> None:
+    def _check_shared(self, point: Point) -> None:
         for key in SHARED:
             if point.config[key] != self.base[key]:
                 raise ConfigError(
                     f"{key}: all trials of a sweep must share it; run one sweep for each value"
                 )
-        with torch.device("meta"):
-            detector = build_detector(point.config)
-            build_optimizer(point.config, detector)
-        if build_augmentation(point.config) is not None and not detector.AUGMENTED:
-            raise ConfigError(
-                f"augment: {detector.NAME} has its own in its YAML; augment must be null"
-            )
 
-    def _check_stage(self, stage: Stage) -> None:
-        settings = read_stage_settings(stage.config)
-        check_precision(settings.precision, self.settings.device)
-        with torch.device("meta"):
-            detector = build_detector(stage.config)
-        if settings.compile:
-            detector.compile_dense()
-        frozen = [
-            name for name, parameter in detector.named_parameters() if not parameter.requires_grad
-        ]
-        if stage.parent is None and frozen:
-            part = frozen[0].partition(".")[0]
-            raise ConfigError(
-                f"schedule.stages: '{stage.name}' comes first, but nothing would have trained its {part}"
-            )
+
+def _refuse_unused(trial: Trial, other: Trial) -> None:
+    """Refuse two points that a command would train as one.
+
+    Raises:
+        ConfigError: naming the keys that it is not given.
+    """
+    differing = {
+        key: value for key, value in trial.values.items() if other.values.get(key) != value
+    }
+    why = planned(trial.config).unused(differing) if differing else ""
+    if why:
+        raise ConfigError(why)

@@ -90,10 +90,12 @@ class Progress:
 
     def _renew(self, plan: Plan, running: list[Stage], stopped: Collection[str]) -> None:
         stages = [stage for key, stage in plan.stages.items() if key not in stopped]
-        done = sum(steps_done(self.layout.run(stage.key), stage) for stage in stages)
+        done = int(sum(steps_done(self.layout.run(stage.key), stage) for stage in stages))
         total = sum(stage.steps for stage in stages)
         names = ", ".join(running_labels(plan, running).values())
-        left = tqdm.format_interval(self.seconds_left(plan, stopped))
+        self.costs.learn()
+        known = all(self.costs.cost(stage).is_known for stage in stages)
+        left = tqdm.format_interval(self.seconds_left(plan, stopped)) if known else "?"
         if self.lines:
             print(f"{done}/{total} steps, {left} left: {names}", file=sys.stderr, flush=True)
         else:

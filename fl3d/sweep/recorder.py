@@ -199,7 +199,8 @@ class Recorder:
         marker = read_marker(folder, step)
         aps = self.scores.aps(key, step)
         values = {**aps, "mean_3d": sum(aps[name] for name in MEAN_3D) / 3}
-        values |= {"epoch": marker.epoch, "train/lr": marker.lr}
+        values |= {"epoch": marker.epoch}
+        values |= {"train/lr": marker.lr} if marker.lr is not None else {}
         values |= {f"loss/{name}": value for name, value in marker.losses.items()}
         values |= {f"seconds/{name}": value for name, value in marker.seconds.items()}
         made = marker.time_ms or int(folder.marker(step).stat().st_mtime * 1000)

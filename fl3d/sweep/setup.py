@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from dataclasses import dataclass
 
+from fl3d.config.compose import own_folders
 from fl3d.config.settings import Settings, read_settings
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.leases import holder_of
@@ -13,8 +14,9 @@ from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.detections import read_validation
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.plans import read_plan, write_plan
-from fl3d.runs.spec import Machine
+from fl3d.runs.spec import Machine, read_spec
 from fl3d.store.base import Store
+from fl3d.sweep.identity import reading
 from fl3d.sweep.notes import note
 from fl3d.sweep.pictures import draw_frame_with_most_cars
 from fl3d.sweep.plan import DataInfo, Plan
@@ -23,6 +25,7 @@ from fl3d.sweep.prepare import PreparedData, prepare_data
 from fl3d.sweep.recorder import Subject
 from fl3d.sweep.scoreboard import Scoreboard
 from fl3d.sweep.sweepers.base import Sweeper
+from fl3d.training.command import is_command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +114,7 @@ def machine(prepared: Prepared) -> Machine:
         save_every_steps=settings.save_every_steps,
         keep_every=settings.store.keep_every,
         provenance=provenance(),
+        modules=tuple(str(folder) for folder in own_folders()),
     )
 
 
@@ -121,12 +125,31 @@ def freeze(prepared: Prepared, plan: Plan) -> None:
     """
     if not plan.trials:
         return
+    _refuse_other_reading(prepared.layout, plan)
     path = prepared.layout.plan(prepared.settings.experiment)
     try:
         earlier = read_plan(path).stages
     except StoreError:  # the first start, or one of another version
         earlier = set()
     write_plan(path, prepared.planner.frozen(plan, earlier))
+
+
+def _refuse_other_reading(layout: StoreFolder, plan: Plan) -> None:
+    """Refuse a command whose checkpoints were read from other files than the config says now.
+
+    Raises:
+        ConfigError: naming the stage, and what to do.
+    """
+    for key, stage in plan.stages.items():
+        folder = layout.run(key)
+        if is_command(stage.config) and folder.steps():
+            before, now = reading(read_spec(folder).stage.config), reading(stage.config)
+            for name in now:
+                if before.get(name) != now[name]:
+                    raise ConfigError(
+                        f"detector.{name}: {now[name]}, but the checkpoints of {key} were read by {before.get(name)}; "
+                        f"delete done.json and checkpoints in {folder.path}, and they are read anew; nothing is trained"
+                    )
 
 
 def refuse_several_machines(store: Store, layout: StoreFolder) -> None:

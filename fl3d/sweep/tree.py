@@ -52,10 +52,10 @@ def labels(siblings: list[Stage]) -> Mapping[str, str]:
         texts = seen[_target(stage), stage.name]
         own = sorted(values[stage.key].items())
         differing = [f"{key}={value}" for key, value in own if len(texts[key]) > 1]
-        detector = [_target(stage).rpartition(".")[2]] if stage.parent is None else []
+        detector = [stage.class_name] if stage.parent is None else []
         found[stage.key] = " ".join([*detector, stage.name, *differing])
     return found
 
 
 def _target(stage: Stage) -> str:
-    return str(stage.config["detector"]["_target_"])
+    return f"{stage.target} {stage.class_name}"

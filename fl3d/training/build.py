@@ -7,6 +7,7 @@ from typing import Any
 import torch
 
 from fl3d.config.objects import build
+from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config
 from fl3d.data.augment import Augmentation
 from fl3d.detectors.base import Detector
@@ -15,7 +16,16 @@ from fl3d.training.trainer import Schedule
 
 
 def build_optimizer(config: Config, detector: Detector) -> torch.optim.Optimizer:
-    """The optimiser over a detector's parameters, but for those that are frozen."""
+    """The optimiser over a detector's parameters, but for those that are frozen.
+
+    Raises:
+        ConfigError: the config names none, or one that cannot be built.
+    """
+    if not config.get("optimizer"):
+        raise ConfigError(
+            "optimizer: none is given; the detector's YAML must have one, such as "
+            "optimizer: {_target_: torch.optim.Adam, lr: 0.001}"
+        )
     parameters = [parameter for parameter in detector.parameters() if parameter.requires_grad]
     optimizer: torch.optim.Optimizer = build(config["optimizer"], "optimizer", params=parameters)
     return optimizer

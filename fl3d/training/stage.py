@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing as mp
 import time
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from fl3d.core.digests import file_digest
+from fl3d.config.objects import make_importable
 from fl3d.core.errors import CheckpointError, ConfigError, Fl3dError
 from fl3d.core.files import write_text
 from fl3d.core.leases import Lease, leased
-from fl3d.core.records import Checkpoint
 from fl3d.data.dataset import Frames, frames_with
-from fl3d.evaluation.detections import read_validation, write_detections
+from fl3d.evaluation.detections import write_detections
 from fl3d.inference.detect import detect_frames
 from fl3d.inference.load import build_detector
 from fl3d.inference.reproducibility import prepare
-from fl3d.inference.scores import scores_of
-from fl3d.runs.checkpoints import (
-    State,
-    last_state,
-    load_state,
-    read_marker,
-    save_state,
-    write_marker,
-)
+from fl3d.runs.checkpoints import State, last_state, load_state, save_state
 from fl3d.runs.layout import RunFolder
-from fl3d.runs.spec import read_spec, write_done, write_progress
+from fl3d.runs.spec import Spec, read_spec
 from fl3d.training.build import build_augmentation, build_optimizer, build_schedule
+from fl3d.training.command import is_command
+from fl3d.training.command_run import CommandRun
+from fl3d.training.running import StageRun, Timer
 from fl3d.training.trainer import Averages, Schedule, Trainer
 
 PROGRESS_SECONDS = 1.0
@@ -55,38 +45,37 @@ def run_stage(folder: Path) -> None:
         with leased(run.lease) as lease:
             run.error.unlink(missing_ok=True)
             if not run.is_done:
-                _Run(run, lease).run()
-    except Exception:
-        write_text(run.error, traceback.format_exc())
+                spec = read_spec(run)
+                make_importable(spec.machine.modules)
+                kind = CommandRun if is_command(spec.stage.config) else _NetworkRun
+                kind(run, lease, spec).run()
+    except Exception as error:
+        write_text(run.error, _reason(run, error))
         raise
 
 
-class _Run:
-    """A stage on this machine."""
+def _reason(run: RunFolder, error: Exception) -> str:
+    """A traceback; of a program, which is not fl3d's code, what is wrong is said without one."""
+    if isinstance(error, Fl3dError) and is_command(read_spec(run).stage.config):
+        return f"{type(error).__name__}: {error}\n"
+    return traceback.format_exc()
 
-    def __init__(self, folder: RunFolder, lease: Lease) -> None:
-        self._started = time.time()
-        self._cpu = time.process_time()
-        self.lease = lease
-        self.folder = folder
-        self.spec = read_spec(folder)
-        self.stage = self.spec.stage
-        self.machine = self.spec.machine
-        self.settings = self.spec.settings
+
+class _NetworkRun(StageRun):
+    """A network that is trained in this process."""
+
+    def __init__(self, folder: RunFolder, lease: Lease, spec: Spec) -> None:
+        super().__init__(folder, lease, spec)
+        self.settings = spec.settings
         self.device = self.machine.device
         prepare(self.settings.seed, self.device, self.settings.precision)
-        self.kitti = self.spec.kitti()
         self.val = Frames(self.kitti, self.machine.val_ids, self.machine.cache_frames)
-        self.validation = read_validation(self.kitti, self.val.ids)
+        self.labels = self.validation()
         self.schedule = self._schedule()
         self.trainer = self._trainer()
-        self.timer = _Timer()
+        self.timer = Timer()
         self._shown = 0.0
         self._saved = -1  # step of the last whole checkpoint
-        parent = mp.parent_process()
-        self._parent = (
-            parent if parent is not None and parent.sentinel is not None else None
-        )  # joblib's has none
 
     def _schedule(self) -> Schedule:
         schedule = build_schedule(self.stage.config, self.machine.save_every_steps)
@@ -124,12 +113,7 @@ class _Run:
                 self.trainer.train_epoch(self._after_step)
             self._checkpoint_if_due()
         self._show(force=True)
-        self.lease.check()
-        ended = {"step": self.trainer.step, "started": self._started, "ended": time.time()}
-        ended["cpu_seconds"] = round(
-            time.process_time() - self._cpu, 3
-        )  # of the last process that trained it
-        write_done(self.folder, ended)
+        self.end(self.trainer.step)
         self.folder.resume.unlink(missing_ok=True)
 
     def _restore(self) -> None:
@@ -200,60 +184,14 @@ class _Run:
             )
             write_detections(self.folder.detections(step), found)
         with self.timer.measure("scoring"):
-            scores_of(self.folder, step, self.validation, self.machine.protocol)
+            self.score(step, self.labels)
         seconds = self.timer.take() | {"waiting": round(self.trainer.waited, 3)}
         self.trainer.waited = 0.0
-        found_sha256 = file_digest(self.folder.detections(step))
-        made = self.machine.provenance
-        self.lease.check()
-        write_marker(
-            self.folder,
-            Checkpoint(
-                stage=self.stage.key,
-                step=step,
-                epoch=self.trainer.epoch,
-                lr=lr,
-                losses=losses,
-                seconds=seconds,
-                sha256=sha256,
-                detections_sha256=found_sha256,
-                time_ms=_first_made(self.folder, step),
-                made_by=made,
-            ),
-        )
+        self.mark(step, self.trainer.epoch, seconds=seconds, lr=lr, losses=losses, sha256=sha256)
 
     def _show(self, force: bool = False) -> None:
         """Renew the progress file; leave when the parent process has gone."""
         now = time.monotonic()
         if force or now - self._shown > PROGRESS_SECONDS:
             self._shown = now
-            write_progress(self.folder, self.trainer.step - self.stage.start_step, self.stage.steps)
-            if self._parent is not None and not self._parent.is_alive():
-                raise Fl3dError(
-                    "the process that started this stage has ended; run the same command to resume"
-                )
-
-
-def _first_made(folder: RunFolder, step: int) -> int:
-    """Milliseconds since 1970 at which a checkpoint was first made: made again, it keeps its place in the store."""
-    if folder.marker(step).exists():
-        with contextlib.suppress(CheckpointError):  # torn
-            return read_marker(folder, step).time_ms
-    return int(time.time() * 1000)
-
-
-class _Timer:
-    """Seconds by purpose, since they were last taken."""
-
-    def __init__(self) -> None:
-        self._seconds: dict[str, float] = {}
-
-    @contextmanager
-    def measure(self, name: str) -> Iterator[None]:
-        started = time.perf_counter()
-        yield
-        self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - started
-
-    def take(self) -> dict[str, float]:
-        seconds, self._seconds = self._seconds, {}
-        return {name: round(value, 3) for name, value in seconds.items()}
+            self.show(self.trainer.step - self.stage.start_step)

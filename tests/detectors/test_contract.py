@@ -14,7 +14,9 @@ from fl3d.detectors.flops import layer_flops
 from fl3d.inference.load import build_detector
 from fl3d.sweep.plan import configure_stage
 
-NAMES = sorted(path.stem for path in (CONF / "detector").glob("*.yaml"))
+NAMES = sorted(
+    {path.stem for path in (CONF / "detector").glob("*.yaml")} - {"command"}
+)  # no network
 
 DETERMINISTIC = {  # class: why its training samples are the same whatever the seed
     "FCN3D": "its input is which voxels are occupied, and all its targets are kept",

@@ -1,0 +1,313 @@
+"""A stage that is a command: start it, score its checkpoints as their result files appear, and say how it ended.
+
+What it has printed, how each of its starts ended, and the result files' numbers stay in the stage's folder.
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from fl3d.core.errors import CheckpointError, DataError, TrainingError
+from fl3d.core.files import write_text
+from fl3d.core.leases import Lease
+from fl3d.evaluation.detections import Validation
+from fl3d.evaluation.results import read_results, write_results
+from fl3d.runs.layout import RunFolder
+from fl3d.runs.spec import Spec
+from fl3d.training.command import Command, command_of
+from fl3d.training.output import Output
+from fl3d.training.process import Exit, Process, read_exits, tail, wait_for_earlier
+from fl3d.training.program import read_program
+from fl3d.training.result_folders import (
+    Numbers,
+    ResultFolders,
+    Settling,
+    check_frames,
+    fingerprint,
+    is_complete,
+    last_by_number,
+    last_changed,
+    refuse_surplus,
+)
+from fl3d.training.running import StageRun
+from fl3d.training.templates import fill, fill_text
+
+PATIENCE_SECONDS = 30.0  # beyond its grace, for an earlier start of the command to end
+POLL_SECONDS = 1.0  # between looks at its result folders
+
+
+class CommandRun(StageRun):
+    """A command in this process's care."""
+
+    def __init__(self, folder: RunFolder, lease: Lease, spec: Spec) -> None:
+        # The command runs in another folder, where a relative path would mean another place.
+        folder = RunFolder(folder.path.absolute())
+        super().__init__(folder, lease, spec)
+        self.section: Mapping[str, Any] = self.stage.config["detector"]
+        self.command: Command = command_of(self.section)
+        self.values = self._values()
+        numbers = Numbers(
+            first=self.command.first_epoch,
+            each=self.command.numbers_per_epoch,
+            before=self.stage.start_epoch if self.command.counts_on else 0,
+        )
+        self.results = ResultFolders(
+            self.command.results,
+            self.values,
+            folder.work,
+            numbers,
+            self.stage.epochs,
+        )
+        self.output = Output(folder.command_log, self.command.progress, numbers)
+        self.settling = Settling(self.command.settle_seconds)
+        self._marked = time.time()
+
+    @cached_property
+    def labels(self) -> Validation:
+        """Of the validation frames."""
+        return self.validation()
+
+    def run(self) -> None:
+        """Run the command to its end, unless an earlier start has brought it there."""
+        if self.command.imported:
+            raise TrainingError(
+                f"{self.stage.key}: it was imported, and is not whole; import it again"
+            )
+        self._write_splits()
+        self.folder.work.mkdir(exist_ok=True)
+        wait_for_earlier(self.folder.command_exits, self.command.grace_seconds + PATIENCE_SECONDS)
+        exits = read_exits(self.folder.command_exits)
+        if not exits or exits[-1].code != 0 or exits[-1].by_fl3d:
+            self._put_aside(exits)
+            self._start_and_watch()
+            exits = read_exits(self.folder.command_exits)
+        self._check_program("has changed while its command ran")
+        self._check_exit(exits)
+        self._take(has_ended=True)
+        self._check_results(len(exits))
+        self.show(self.stage.steps)
+        self.end(self.stage.end_step)
+
+    def _start_and_watch(self) -> None:
+        self._check_program("has changed since the sweep was planned")
+        arguments = self._arguments()
+        self.output.skip()
+        self._marked = time.time()
+        with Process(
+            arguments,
+            Path(fill_text(self.command.cwd, self.values)),
+            {name: fill_text(text, self.values) for name, text in self.command.env.items()},
+            self.folder.command_log,
+            self.folder.command_exits,
+            self.command.grace_seconds,
+        ) as process:
+            while process.is_running:
+                self._take(has_ended=False)
+                self.output.read()
+                self.show(self._steps())
+                self.lease.check()
+                process.wait(POLL_SECONDS)
+
+    def _arguments(self) -> list[str]:
+        """The command, with what is added of a parent and of an interrupted start."""
+        parts = [self.command.run]
+        parts += [self.command.from_parent] if self.stage.parent is not None else []
+        if self.command.checkpoint is not None and self.command.resume:
+            own = self._checkpoint(self.folder)
+            if own is not None:
+                self.values["checkpoint"] = str(own)
+                parts.append(self.command.resume)
+        filled = [fill(part, self.values) for part in parts if part]
+        if isinstance(filled[0], str):
+            line = " ".join(one if isinstance(one, str) else shlex.join(one) for one in filled)
+            return ["bash", "-euo", "pipefail", "-c", line]
+        return [word for one in filled for word in one]
+
+    def _values(self) -> dict[str, Any]:
+        """Of all places that a command may have."""
+        stage, work = self.stage, self.folder.work
+        values: dict[str, Any] = dict(_sections(stage.config)) | dict(self.section["places"])
+        values |= {
+            "folder": str(work),
+            "program": self.section["program"]["folder"],
+            "python": sys.executable,
+            "key": stage.key,
+            "stage": stage.name,
+            "data_root": str(self.machine.data_root),
+            "train_split": str(self.folder.split("train")),
+            "val_split": str(self.folder.split("val")),
+            "epochs": stage.epochs,
+            "start_epoch": stage.start_epoch,
+            "end_epoch": stage.start_epoch + stage.epochs,
+        }
+        if stage.parent is not None:
+            parent = self.folder.beside(stage.parent)
+            if not parent.is_done:
+                raise CheckpointError(
+                    f"{parent.path}: it has not ended, and this stage goes on from it"
+                )
+            values["parent"] = str(parent.work)
+            if self.command.checkpoint is not None:
+                values["parent_checkpoint"] = self._parents_checkpoint(parent, values)
+        return values
+
+    def _parents_checkpoint(self, parent: RunFolder, values: Mapping[str, Any]) -> str:
+        pattern = fill_text(self.command.checkpoint or "", values)
+        found = last_by_number(pattern, parent.work)
+        if found is None and "parent_checkpoint" in self.command.places(has_parent=True):
+            raise CheckpointError(
+                f"{parent.work}: no file fits detector.checkpoint, {pattern}, of the stage that this one goes on from"
+            )
+        return str(found)
+
+    def _checkpoint(self, folder: RunFolder) -> Path | None:
+        return last_by_number(fill_text(self.command.checkpoint or "", self.values), folder.work)
+
+    def _write_splits(self) -> None:
+        for name, ids in (("train", self.machine.train_ids), ("val", self.machine.val_ids)):
+            write_text(self.folder.split(name), "".join(f"{one}\n" for one in ids))
+
+    def _check_program(self, what: str) -> None:
+        """Refuse a program that is not the one that the stage's key was made of.
+
+        Raises:
+            TrainingError: its digest differs.
+        """
+        planned = self.section["program"]
+        found = read_program(planned, Path.cwd())
+        if found["digest"] != planned["digest"]:
+            raise TrainingError(
+                f"{planned['folder']}: the program {what}: it was {planned['about']}, and is "
+                f"{found['about']}; start the sweep again, which trains it anew, or put it back as it was"
+            )
+
+    def _take(self, has_ended: bool) -> None:
+        """Store and score the checkpoints whose result files are whole and have settled."""
+        for epoch, path in sorted(self.results.find().items()):
+            step = self.stage.start_step + epoch
+            if self.folder.marker(step).exists():
+                continue
+            files = fingerprint(path)
+            if not has_ended and not self.settling.is_settled(path, files):
+                continue
+            if is_complete(files, self.machine.val_ids):
+                self._keep(epoch, path, files)
+            else:
+                refuse_surplus(path, self.machine.val_ids)  # a missing frame may still come
+
+    def _keep(self, epoch: int, path: Path, files: object) -> None:
+        step = self.stage.start_step + epoch
+        training = max(0.0, max((last_changed(fingerprint(path)), self._marked)) - self._marked)
+        self._marked += training
+        results = read_results(path, self.machine.val_ids)
+        if fingerprint(path) != files:
+            return  # it is being written again: looked at once more
+        self.lease.check()
+        started = time.perf_counter()
+        write_results(self.folder.detections(step), results)
+        for protocol in self.folder.protocols():  # of results that were there before
+            self.folder.scores(step, protocol).unlink(missing_ok=True)
+        self.score(step, self.labels)
+        seconds = {"training": training, "detection": 0.0, "scoring": time.perf_counter() - started}
+        self.mark(
+            step,
+            self.stage.start_epoch + epoch,
+            seconds={name: round(value, 3) for name, value in seconds.items()},
+            losses=self.output.take_losses(),
+            made_by={
+                "program": self.section["program"]["about"],
+                "program.folder": self.section["program"]["folder"],
+                "results": str(path),
+                "results.sha256": results.sha256,
+            },
+        )
+
+    def _steps(self) -> float:
+        """Steps of its own that are done, by its checkpoints and by what it prints."""
+        scored = max(self.folder.steps(), default=self.stage.start_step) - self.stage.start_step
+        return min(max(scored, self.output.epochs), self.stage.steps)
+
+    def _put_aside(self, exits: list[Exit]) -> None:
+        """Rename result folders that an interrupted start may have left half written."""
+        log = self.folder.command_log
+        if not log.exists():
+            return
+        ended = exits[-1].ended if exits else log.stat().st_mtime
+        for epoch, path in self.results.find().items():
+            if self.folder.marker(self.stage.start_step + epoch).exists():
+                continue
+            files = fingerprint(path)
+            has_settled = ended - last_changed(files) > self.command.settle_seconds
+            if not (is_complete(files, self.machine.val_ids) and has_settled):
+                path.rename(path.with_name(f"{path.name}.unfinished-{int(time.time())}"))
+
+    def _check_exit(self, exits: list[Exit]) -> None:
+        """Refuse a command that did not end well.
+
+        Raises:
+            TrainingError: with its exit code and the last lines that it printed.
+        """
+        log = self.folder.command_log
+        if not exits:
+            raise TrainingError(
+                f"the last lines of its log:\n{_indented(tail(log))}\n"
+                f"{self.stage.key}: its command left no exit code; see {log}"
+            )
+        if exits[-1].code != 0:
+            raise TrainingError(
+                f"the last lines that the command printed:\n{_indented(tail(log))}\n"
+                f"{self.stage.key}: the command ended with {exits[-1]}; all that it printed is in {log}"
+            )
+
+    def _check_results(self, starts: int) -> None:
+        """Refuse a stage whose last epoch has no results, or that has results of other frames.
+
+        Raises:
+            DataError: naming what is missing, and what is there.
+        """
+        found = self.results.find()
+        last = self.stage.epochs
+        unscored = {
+            epoch: path
+            for epoch, path in found.items()
+            if not self.folder.marker(self.stage.start_step + epoch).exists()
+        }
+        for epoch, path in unscored.items():
+            if epoch == last or starts == 1:  # others may be of a start that was interrupted
+                check_frames(path, self.machine.val_ids)
+        if not found and not self.folder.steps():
+            raise DataError(f"{self.results.nothing()}; {self._again()}", self.results.place())
+        if not self.folder.marker(self.stage.end_step).exists():
+            number = ", ".join(str(epoch) for epoch in sorted(found))
+            raise DataError(
+                f"no results of the stage's last epoch, {last}: those that fit detector.results are of epochs "
+                f"{number}; the program must write those of its last epoch, or schedule.epochs is not what it trains; "
+                f"{self._again()}",
+                self.folder.work,
+            )
+
+    def _again(self) -> str:
+        return (
+            "the command itself has ended well: once detector.results and the like are right, the same sweep reads "
+            f"what is there and trains nothing again; to run the command again delete {self.folder.path}"
+        )
+
+
+def _sections(config: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Dotted keys of a nested config with their values, sections among them."""
+    found: list[tuple[str, Any]] = []
+    for key, value in config.items():
+        found.append((f"{prefix}{key}", value))
+        if isinstance(value, Mapping):
+            found += _sections(value, f"{prefix}{key}.")
+    return found
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"  {line}" for line in text.splitlines())

@@ -1,0 +1,149 @@
+"""A command that runs under a guard: start it, see whether it runs, end it, and what its earlier starts came to."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from fl3d.core.errors import TrainingError
+from fl3d.training import guard
+
+TAIL = 20  # lines of its output in an error
+TAIL_BYTES = 20000
+POLL_SECONDS = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exit:
+    """What a start of a command came to.
+
+    Args:
+        started: seconds since 1970.
+        ended: likewise.
+        code: of its exit; negative: the signal that ended it.
+        by_fl3d: whether fl3d ended it, or went away itself.
+    """
+
+    started: float
+    ended: float
+    code: int
+    by_fl3d: bool
+
+    def __str__(self) -> str:
+        return f"signal {-self.code}" if self.code < 0 else f"code {self.code}"
+
+
+class Process:
+    """A running command.
+
+    Args:
+        arguments: of the command.
+        cwd: folder that it runs in.
+        env: added to this process's environment.
+        log: file that its output is added to.
+        records: file that its end is added to.
+        grace_seconds: between SIGTERM and SIGKILL.
+
+    Raises:
+        TrainingError: there is no such program, or no such folder to run in.
+    """
+
+    def __init__(
+        self,
+        arguments: Sequence[str],
+        cwd: Path,
+        env: Mapping[str, str],
+        log: Path,
+        records: Path,
+        grace_seconds: float,
+    ) -> None:
+        self._grace = grace_seconds
+        self.arguments = list(arguments)
+        if not cwd.is_dir():
+            raise TrainingError(f"detector.cwd: {cwd}: no such folder")
+        guarded = [sys.executable, "-S", guard.__file__, str(records), str(grace_seconds)]
+        with log.open("ab") as output:
+            head = f"--- {time.strftime('%Y-%m-%d %H:%M:%S')} in {cwd}: {_shown(arguments)}\n"
+            output.write(head.encode())
+            output.flush()
+            self._guard = subprocess.Popen(
+                [*guarded, *arguments],
+                cwd=cwd,
+                env={**os.environ, **env},
+                stdin=subprocess.PIPE,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # Ctrl-C is for fl3d, which then ends it
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it has not ended."""
+        return self._guard.poll() is None
+
+    def wait(self, seconds: float) -> None:
+        """Wait for its end, for so long at most."""
+        try:
+            self._guard.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return
+
+    def end(self) -> None:
+        """Ask its whole process group to end, and end it if it does not."""
+        if self._guard.stdin is not None:
+            self._guard.stdin.close()
+        self._guard.wait()
+
+
+def wait_for_earlier(records: Path, seconds: float) -> None:
+    """Wait until no guard of an earlier start runs any more.
+
+    Raises:
+        TrainingError: one still does.
+    """
+    with records.open("a") as file:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return
+            except BlockingIOError:
+                time.sleep(POLL_SECONDS)
+            except OSError:
+                return  # a file system without locks
+    raise TrainingError(f"{records.parent}: an earlier start of its command has not ended yet")
+
+
+def read_exits(records: Path) -> list[Exit]:
+    """What the starts of a command came to, first to last."""
+    if not records.exists():
+        return []
+    return [Exit(**json.loads(line)) for line in records.read_text().splitlines() if line.strip()]
+
+
+def tail(log: Path) -> str:
+    """The last lines of a command's output."""
+    if not log.exists():
+        return ""
+    with log.open("rb") as file:
+        file.seek(max(0, log.stat().st_size - TAIL_BYTES))
+        text = file.read().decode(errors="replace")
+    return "\n".join(text.splitlines()[-TAIL:])
+
+
+def _shown(arguments: Sequence[str]) -> str:
+    return json.dumps(list(arguments))
