@@ -47,7 +47,9 @@ def _oddities(
         yield (
             "axes",
             f"the camera's axes are not x right, y down, z forward: in the LiDAR's frame {axes}.",
-            "KITTI's Tr_velo_to_cam turns the axes; without a camera give data.calibration=axes data.crop=none.",
+            "They are right the other way round: is Tr_velo_to_cam its inverse, camera to LiDAR, or transposed?"
+            if -turn[2, 1] >= UPRIGHT and turn[0, 2] >= AHEAD
+            else "KITTI's Tr_velo_to_cam turns the axes; without a camera give data.calibration=axes data.crop=none.",
         )
     elif ahead < AHEAD:
         yield (

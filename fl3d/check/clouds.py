@@ -35,7 +35,11 @@ def of_clouds(facts: Facts) -> Iterator[Finding]:
             _where,
             "Coordinates of a map? Subtract the sensor's place from clouds and labels.",
         ),
-        (_is_millimetres, _where, "Millimetres? Clouds are in metres."),
+        (
+            _is_millimetres,
+            _where,
+            "Millimetres, or another unit? Clouds are in metres, and the sensor is their origin.",
+        ),
         (
             lambda c: c.points > 0 and c.kept == 0,
             lambda c: f"none of its {c.points} points is in the picture.",
