@@ -85,10 +85,26 @@ def _axis(row: np.ndarray) -> str:
     return f"{'-' if row[k] < 0 else '+'}{'xyz'[k]}"
 
 
+def _unread(facts: Facts) -> Iterator[Finding]:
+    """Pictures of a kind that is not read, of frames that have no other."""
+    folder = facts.kitti.root / "training" / "image_2"
+    names = {path.stem: path.name for path in folder.glob("*")} if folder.is_dir() else {}
+    found = [names[i] for i, one in facts.beside.items() if one.picture is None and i in names]
+    if found:
+        yield warning(
+            "is not read: pictures are .png, .jpg or .jpeg, and no links to nothing.",
+            "The frame's size is taken from the calibration, or data.image_size.",
+            folder / found[0],
+            len(found),
+        )
+
+
 def of_pictures(facts: Facts) -> Iterator[Finding]:
     """Frames with and without pictures, and several sizes without any."""
     endings = Counter(one.picture for one in facts.beside.values())
     n_without = endings.pop(None, 0)
+    if n_without:
+        yield from _unread(facts)
     if n_without and endings:
         first = next(i for i, one in facts.beside.items() if one.picture is None)
         yield warning(

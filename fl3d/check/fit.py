@@ -22,8 +22,8 @@ FEW = 5  # objects, of which nothing is told
 NEAREST = 3.0  # metres: nearer objects reach beyond the picture
 
 AS_THEY_ARE = (
-    "Is P2 that of these pictures, are 2D boxes x1 y1 x2 y2 in pixels, sizes height, width, length, x y z the middle of "
-    "the bottom in the camera's frame, and rotation_y radians about its y axis?"
+    "Is P2 that of these pictures, are 2D boxes x1 y1 x2 y2 in pixels, sizes height, width, length, x y z the middle "
+    "of the bottom in the camera's frame, and rotation_y radians about its y axis?"
 )
 Change = Callable[[Boxes, Boxes], tuple[Boxes, Boxes]]
 # What would make them fit, of 3D and 2D boxes, and how it is told.
@@ -41,7 +41,7 @@ CAUSES: tuple[tuple[str, Change], ...] = (
 
 def of_fit(facts: Facts) -> Iterator[Finding]:
     """Classes whose boxes in the picture and in space do not fit; nothing of labels without one of the two."""
-    if facts.kitti.calibration == "axes":
+    if facts.kitti.calibration != "frame":
         return
     for name in sorted({name for one in facts.wanted for name in one.classes}):
         least = LEAST.get(name, LEAST_OF_OTHERS)

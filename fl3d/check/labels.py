@@ -15,8 +15,8 @@ from fl3d.data.labels import Labels
 Mask = NDArray[np.bool_]
 UNSET = -10.0  # what KITTI writes where there is no angle
 NEAR = 30.0  # metres: nearer objects that are not hidden hold points
-# Such cars hold 10 points, 5 of them in the upper half: 79 of 80 in KITTI's 32 clouds, where boxes stand half their height
-# too high 13 of 80, where clouds are mirrored 23 of 80 (42 hold 10 points: of the road). Sparser scanners hit fewer.
+# Such cars hold 10 points, 5 of them in the upper half: 79 of 80 in KITTI's 32 clouds; 13 where boxes stand half their
+# height too high, 23 where clouds are mirrored (42 hold 10 points: of the road). Sparser scanners hit fewer.
 FEW_HIT = 0.5
 # Metres between which half of a class is long; KITTI's are 2.2 to 6.7, 0.2 to 1.4 and 1.2 to 2.2 long, all of them.
 LENGTHS = {"Car": (2.0, 7.0), "Pedestrian": (0.2, 1.5), "Cyclist": (1.0, 2.5)}
@@ -109,6 +109,8 @@ def _hits(facts: Facts, wanted: Wanted) -> Iterator[Finding]:
     if near >= 5 and hit < FEW_HIT * near:
         names = " and ".join(wanted.classes)
         yield warning(
-            f"only {hit} of {near} labels of class {names} within {NEAR:.0f} m hold 10 points, 5 of them in the upper half.",
-            "Do boxes and clouds fit? x, y, z is the middle of a box's bottom in the camera's frame, y points down; clouds have x ahead, y left, z up.",
+            f"only {hit} of {near} labels of class {names} within {NEAR:.0f} m hold 10 points, 5 of them in the upper "
+            "half.",
+            "Do boxes and clouds fit? x, y, z is the middle of a box's bottom in the camera's frame, y points down; "
+            "clouds have x ahead, y left, z up.",
         )

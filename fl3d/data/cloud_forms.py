@@ -22,8 +22,8 @@ FARTHEST = 1e8
 # Columns mixed up give negative reflectances: 16 to 63 % of them where KITTI's 32 clouds are written with 3, 5 or 6
 # columns and read with 4. A right cloud may hold a few.
 MOST_NEGATIVE = 0.005
-# Metres nearer to 0 than any measure, and not 0. Whole numbers and other byte orders read as floats give them: 42 % of the
-# coordinates or more where KITTI's 32 clouds are written as int16, int32 or big-endian float32; of these clouds none.
+# Metres nearer to 0 than any measure, and not 0. Whole numbers and other byte orders read as floats give them: 42 % of
+# the coordinates or more where KITTI's 32 clouds are written as int16, int32 or big-endian float32; these clouds none.
 TINY = 1e-6
 MOST_TINY = 0.01
 SAMPLE = 4000  # values from which columns are told: half a revolution of one laser
@@ -94,7 +94,7 @@ def read_bare(raw: bytes, form: CloudFormat, path: Path) -> Float:
         )
     raise DataError(
         f"does not look like points of {columns} columns of {dtype}: {wrong}. Other types, byte orders and orders of "
-        f"columns must be converted (data.cloud.columns and data.cloud.dtype read {', '.join(DTYPES)}). To read it so all the same: "
+        f"columns must be converted; {' and '.join(DTYPES)} are read. To read it so all the same: "
         f"data.cloud.columns={columns} data.cloud.dtype={dtype}",
         path,
     )
@@ -146,11 +146,14 @@ def _own_columns(raw: bytes, dtype: str, possible: Sequence[int]) -> int | None:
 
 def what_looks_wrong(rows: Float) -> str:
     """What about points (N, 3 or more) no sensor gives; empty where they look right."""
-    _, farthest, negative, tiny = survey(rows)
+    bad, farthest, negative, tiny = survey(rows)
+    if bad == len(rows) > 0:
+        return "no point is finite"
+    coordinates = 3 * (len(rows) - bad)
     if farthest > FARTHEST:
         return f"|xyz| up to {farthest:.2g} m"
-    if tiny > MOST_TINY * 3 * len(rows):
-        return f"{100 * tiny / (3 * len(rows)):.0f} % of the coordinates are not 0, but nearer than {TINY:g} m to it"
+    if tiny > MOST_TINY * coordinates:
+        return f"{100 * tiny / coordinates:.0f} % of the coordinates are not 0, but nearer than {TINY:g} m to it"
     if negative > MOST_NEGATIVE * len(rows):
         return f"{100 * negative / len(rows):.0f} % of the reflectances are below 0"
     values, columns = rows.ravel()[:SAMPLE], rows.shape[1]

@@ -37,7 +37,7 @@ def unreadable(path: Path, error: OSError) -> DataError:
 
 
 def _beside(path: Path) -> str:
-    """What lies there instead of a file that does not: a link to nothing, a file of its name with another ending, or of its number with other zeros."""
+    """What lies there instead: a link to nothing, or a file of another ending, or of the number with other zeros."""
     try:
         if path.is_symlink():
             return f": a link to {path.readlink()}, which is not there"
