@@ -2,6 +2,7 @@
 
 import os
 import pkgutil
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -178,3 +179,13 @@ def test_slips_are_answered_without_a_traceback(arguments: list[str], message: s
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert "Error executing job" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    "path", ["/a/da[ta]", "/a/x=y", "/données", "/数据", "/it's", '/a"b', "/#1", "/a{b}"]
+)
+def test_a_path_that_hydra_does_not_read_is_told_how_to_be_typed(path: str) -> None:
+    with pytest.raises(ConfigError, match="To give it as text, quote it twice: ") as raised:
+        compose_config([f"data.root={path}"])
+    (word,) = shlex.split(str(raised.value).partition("quote it twice: ")[2])
+    assert compose_config([word])["data"]["root"] == path

@@ -47,7 +47,9 @@ def _oddities(
         yield (
             "axes",
             f"the camera's axes are not x right, y down, z forward: in the LiDAR's frame {axes}.",
-            "KITTI's Tr_velo_to_cam turns the axes; without a camera give data.calibration=axes data.crop=none.",
+            "They are right the other way round: is Tr_velo_to_cam its inverse, camera to LiDAR, or transposed?"
+            if -turn[2, 1] >= UPRIGHT and turn[0, 2] >= AHEAD
+            else "KITTI's Tr_velo_to_cam turns the axes; without a camera give data.calibration=axes data.crop=none.",
         )
     elif ahead < AHEAD:
         yield (
@@ -83,10 +85,26 @@ def _axis(row: np.ndarray) -> str:
     return f"{'-' if row[k] < 0 else '+'}{'xyz'[k]}"
 
 
+def _unread(facts: Facts) -> Iterator[Finding]:
+    """Pictures of a kind that is not read, of frames that have no other."""
+    folder = facts.kitti.root / "training" / "image_2"
+    names = {path.stem: path.name for path in folder.glob("*")} if folder.is_dir() else {}
+    found = [names[i] for i, one in facts.beside.items() if one.picture is None and i in names]
+    if found:
+        yield warning(
+            "is not read: pictures are .png, .jpg or .jpeg, and no links to nothing.",
+            "The frame's size is taken from the calibration, or data.image_size.",
+            folder / found[0],
+            len(found),
+        )
+
+
 def of_pictures(facts: Facts) -> Iterator[Finding]:
     """Frames with and without pictures, and several sizes without any."""
     endings = Counter(one.picture for one in facts.beside.values())
     n_without = endings.pop(None, 0)
+    if n_without:
+        yield from _unread(facts)
     if n_without and endings:
         first = next(i for i, one in facts.beside.items() if one.picture is None)
         yield warning(

@@ -35,7 +35,11 @@ def of_clouds(facts: Facts) -> Iterator[Finding]:
             _where,
             "Coordinates of a map? Subtract the sensor's place from clouds and labels.",
         ),
-        (_is_millimetres, _where, "Millimetres? Clouds are in metres."),
+        (
+            _is_millimetres,
+            _where,
+            "Millimetres, or another unit? Clouds are in metres, and the sensor is their origin.",
+        ),
         (
             lambda c: c.points > 0 and c.kept == 0,
             lambda c: f"none of its {c.points} points is in the picture.",
@@ -46,7 +50,7 @@ def of_clouds(facts: Facts) -> Iterator[Finding]:
             lambda c: (
                 f"reflectances go from {c.reflectance[0]:.3g} to {c.reflectance[1]:.4g}, and networks expect 0 to 1."
             ),
-            "For 0 to 255 give data.cloud.reflectance_scale=255.",
+            "For 0 to 255 give data.cloud.reflectance_scale=255; for another range its largest value.",
         ),
         (
             lambda c: c.points > 0 and c.reflectance[0] == c.reflectance[1],

@@ -63,6 +63,7 @@ class Cloud:
         spread: likewise, from the centre.
         reflectance: least and largest.
         held: (N,) points kept on each labelled object; 0 where it has no 3D box.
+        upper: (N,) of them in the upper half of its box.
         targets: by detector, (N,) which labels it learns from.
     """
 
@@ -75,6 +76,7 @@ class Cloud:
     spread: float
     reflectance: tuple[float, float]
     held: NDArray[np.int64]
+    upper: NDArray[np.int64]
     targets: Mapping[str, NDArray[np.bool_]]
 
 
@@ -213,10 +215,12 @@ def look_at_cloud(
     labels = beside.labels if beside.labels is not None else labels_from_columns([], NOTHING, False)
     boxes = np.full((len(labels), 7), np.nan)
     whole = (labels.boxes_cam[:, 3:6] > 0).all(axis=1)
-    held = np.zeros(len(labels), dtype=np.int64)
+    held, upper = np.zeros((2, len(labels)), dtype=np.int64)
     if beside.calibration is not None and whole.any():
         boxes[whole] = beside.calibration.boxes_to_velo(labels.boxes_cam[whole])
         held[whole] = count_points_inside(kept, boxes[whole])
+        halves = beside.calibration.boxes_to_velo(_upper_halves(labels.boxes_cam[whole]))
+        upper[whole] = count_points_inside(kept, halves)
     place = points[::EVERY, :3] if len(points) else np.zeros((1, 3), dtype=np.float32)
     center = np.median(place.astype(np.float64), axis=0)
     tones = points[:, 3] if len(points) else np.zeros(1, dtype=np.float32)
@@ -230,8 +234,16 @@ def look_at_cloud(
         spread=float(np.percentile(np.linalg.norm(place - center, axis=1), 95)),
         reflectance=(float(tones.min()), float(tones.max())),
         held=held,
+        upper=upper,
         targets={one.detector: one.targets(labels, boxes, held) for one in wanted},
     )
+
+
+def _upper_halves(boxes_cam: NDArray[np.float64]) -> NDArray[np.float64]:
+    halves = boxes_cam.copy()
+    halves[:, 3] /= 2
+    halves[:, 1] -= halves[:, 3]  # y points down
+    return halves
 
 
 def _try(problems: list[DataError], read: Callable[[], T]) -> T | None:

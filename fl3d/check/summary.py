@@ -14,6 +14,7 @@ from fl3d.check.calibrations import of_calibrations, of_pictures
 from fl3d.check.clouds import of_clouds, of_image_boxes
 from fl3d.check.facts import Facts
 from fl3d.check.finding import Finding, Severity, of_problems
+from fl3d.check.fit import of_fit
 from fl3d.check.labels import of_labels
 from fl3d.check.nothing import classes_of, counted, listed, of_nothing
 from fl3d.check.splits import of_area, of_splits
@@ -56,6 +57,7 @@ def checked(facts: Facts, train: str, val: str, problems: Sequence[DataError] = 
         *of_calibrations(facts),
         *of_clouds(facts),
         *of_labels(facts),
+        *of_fit(facts),
         *of_pictures(facts),
         *of_image_boxes(facts),
     ]
@@ -142,7 +144,7 @@ def start_texts(result: Checked, root: Path) -> dict[str, list[str]]:
     """What a sweep says of its data when it starts."""
     return {
         "lines": list(result.lines),
-        "errors": [f"{one.message} {one.advice}".strip() for one in result.errors],
+        "errors": [one.text(root) for one in result.errors],
         "warnings": [one.text(root) for one in result.findings if one not in result.errors],
     }
 

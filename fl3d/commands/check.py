@@ -148,6 +148,8 @@ def splits_of(
     for name in dict.fromkeys((data.train_split, data.val_split)):
         try:
             found[name] = tuple(kitti.split(name))
+            if not found[name]:
+                problems.append(DataError("names no frame", kitti.split_path(name)))
         except DataError as error:
             problems.append(error)
     found = {name: ids for name, ids in found.items() if ids}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -266,8 +267,18 @@ def _parse(line: str) -> Override:
         return OverridesParser.create().parse_override(line)
     except HydraException as error:
         raise ConfigError(
-            f"'{line}' is not KEY=VALUE in Hydra's grammar: {str(error).splitlines()[0]}"
+            f"'{line}' is not KEY=VALUE in Hydra's grammar: {str(error).splitlines()[0]}{_quoted(line)}"
         ) from None
+
+
+def _quoted(line: str) -> str:
+    """How to type a value that holds what Hydra's grammar does not, such as blanks, brackets, ``=`` or ``é``."""
+    key, is_assigned, value = line.partition("=")
+    if not is_assigned or not value or value[0] in "[{\"'":  # a list, a dict or quoted already
+        return ""
+    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+    typed = shlex.quote(f'{key}="{escaped}"')
+    return f". To give it as text, quote it twice: {typed}"
 
 
 def _choices(value: Any) -> list[str]:

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
 from fl3d.data.cloud_forms import CloudFormat, Float, read_bare, survey
-from fl3d.data.pcd import is_pcd, read_pcd
+from fl3d.data.pcd import REFLECTANCES, is_pcd, read_pcd
 from fl3d.data.text import is_there, read_bytes
 
 ENDINGS = ("bin", "npy", "pcd")
+MOST_COLUMNS = 16  # of a point; an array that has fewer rows, and more columns, is transposed
 
 
 @dataclass(frozen=True)
@@ -78,12 +79,35 @@ def _cloud(rows: Float, scale: float) -> Cloud:
     return Cloud(points, bad)
 
 
+def _named(rows: NDArray[Any], path: Path) -> Float:
+    """Points whose columns have names, as PCD's have."""
+    names = {name.lower(): name for name in rows.dtype.names or ()}
+    missing = [axis for axis in "xyz" if axis not in names]
+    if missing:
+        raise DataError(
+            f"is a NumPy array without a column {', '.join(missing)} (found: {', '.join(names)})",
+            path,
+        )
+    wanted = [*"xyz", *[name for name in REFLECTANCES if name in names][:1]]
+    try:
+        return np.column_stack([rows[names[n]].ravel().astype(np.float64) for n in wanted])
+    except (TypeError, ValueError) as error:
+        raise DataError(f"is a NumPy array whose columns are no numbers ({error})", path) from None
+
+
 def _read_npy(raw: bytes, path: Path) -> Float:
     rows: NDArray[Any]
     try:
         rows = np.load(io.BytesIO(raw), allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
         raise DataError(f"is a NumPy file that cannot be read ({error})", path) from None
+    if rows.dtype.names is not None:
+        return _named(rows, path)
+    if rows.ndim == 2 and rows.shape[0] <= MOST_COLUMNS < rows.shape[1]:
+        raise DataError(
+            f"is a NumPy array of shape {rows.shape}, but points need (N, 3) or more columns: transposed?",
+            path,
+        )
     if rows.ndim != 2 or rows.shape[1] < 3 or rows.dtype.kind not in "fiu":
         raise DataError(
             f"is a NumPy array of {rows.dtype} and shape {rows.shape}, but points need (N, 3) or more columns of "

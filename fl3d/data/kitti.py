@@ -108,11 +108,20 @@ class KittiFolder:
             DataMissing: the file is (the message lists those present).
             DataError: a line is no frame's name, or a frame is there twice.
         """
-        path = self.root / "ImageSets" / f"{name}.txt"
+        path = self.split_path(name)
         if not is_there(path):
+            if not is_there(path.parent):
+                raise DataMissing(
+                    f"there is no folder ImageSets: it needs {path.name}, a frame's name a line",
+                    path,
+                )
             present = [p.stem for p in path.parent.glob("*.txt")]
             raise DataMissing(f"no such split. {options(name, present)}", path)
         return read_split(path)
+
+    def split_path(self, name: str) -> Path:
+        """The file that names a split's frames."""
+        return self.root / "ImageSets" / f"{name}.txt"
 
     def path(self, kind: str, frame_id: str) -> Path:
         """Where a frame's file lies; ``kind`` is velodyne, label_2, calib, image_2 or planes.

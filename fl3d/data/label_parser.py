@@ -32,6 +32,8 @@ TYPES = (
 NAMES = tuple(name.lower() for name in TYPES)
 OTHER = len(NAMES)  # the first type that KITTI lacks; such objects do not exist for the evaluator
 _OCCLUDED = FIELDS.index("occluded")
+# Blanks of no width or of Unicode, and byte order marks, which editors and web pages leave around a name.
+_UNSEEN = "\ufeff\u200b\u200c\u200d\u2060\u00ad\u00a0\u2007\u202f\u3000"
 _MOST = 1e9  # of occluded's size, so that it stays a whole number
 
 
@@ -49,6 +51,7 @@ class Codes:
 
     def of(self, name: str) -> int:
         """Index into ``NAMES``, or ``OTHER`` + index into ``others``."""
+        name = name.strip(_UNSEEN) or name
         code = self._codes.get(name.lower())
         return OTHER + self._others.setdefault(name, len(self._others)) if code is None else code
 
@@ -98,7 +101,7 @@ def parse_files(paths: Sequence[Path | str], scored: bool) -> Objects:
     if short[0] >= 0:
         frame, line, found = short.tolist()
         start, end = names[-1].tolist()
-        hint = " (KITTI separates them by blanks)" if b"," in raw[start:end] else ""
+        hint = _short(raw[start:].splitlines()[0], raw[start:end], fields, found)
         raise DataError(f"{fields} fields expected, found {found}{hint}", Path(paths[frame]), line)
     if not scored:
         occluded = np.clip(values[:, _OCCLUDED - 1], -_MOST, _MOST)
@@ -106,6 +109,20 @@ def parse_files(paths: Sequence[Path | str], scored: bool) -> Objects:
     codes = Codes()
     types = _types(raw, names, codes, ends, paths)
     return Objects(offsets, types, values, codes.others)
+
+
+def _short(line: bytes, first: bytes, fields: int, found: int) -> str:
+    """What a line with too few fields may be, and how it begins."""
+    if b"," in first or b";" in first:
+        why = "KITTI separates them by blanks"
+    elif first.startswith((b"#", b"//")):
+        why = "a comment? label files hold objects alone"
+    elif (fields, found) == (16, 15):
+        why = "a result's last field is its score: is this a label file?"
+    else:
+        why = f"they are {' '.join(FIELDS[:fields])}"
+    text = line.decode("utf-8", errors="replace").strip()
+    return f" in '{text[:40]}{'...' * (len(text) > 40)}' ({why})"
 
 
 def _read(path: Path | str) -> bytes:
@@ -140,7 +157,10 @@ def _types(
             except UnicodeDecodeError:
                 file = Path(paths[int(np.searchsorted(ends, start, side="right"))])
                 text = name.decode("utf-8", errors="replace")
-                raise DataError(f"is not a text file of UTF-8: class '{text}'", file) from None
+                raise DataError(
+                    f"is not a text file of UTF-8: class '{text}'. Of Latin-1 or Windows-1252? Save it as UTF-8",
+                    file,
+                ) from None
         found[i] = code
     return found
 

@@ -18,7 +18,7 @@ from fl3d.core.errors import DataError
 _HEAD = re.compile(rb"(\s*#[^\n]*\n)*\s*(VERSION[ \t]+[.\d]+\s*\n|FIELDS[ \t])", re.IGNORECASE)
 _LONGEST = 4096  # bytes of a header
 _KINDS = {"F": "f", "I": "i", "U": "u"}
-_REFLECTANCES = ("intensity", "reflectance", "reflectivity", "i")
+REFLECTANCES = ("intensity", "reflectance", "reflectivity", "i")
 
 Bytes = NDArray[np.uint8]
 
@@ -59,7 +59,7 @@ def read_pcd(raw: bytes, path: Path) -> NDArray[np.float64]:
             columns = _compressed(body, header)
     except ValueError as error:
         raise DataError(f"PCD: its {header.points} points cannot be read ({error})", path) from None
-    reflectance = next((name for name in _REFLECTANCES if name in columns), None)
+    reflectance = next((name for name in REFLECTANCES if name in columns), None)
     rows = np.zeros((header.points, 4))
     for place, name in enumerate(("x", "y", "z", reflectance)):
         if name is not None:

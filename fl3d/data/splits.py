@@ -8,6 +8,7 @@ from pathlib import Path
 from fl3d.core.errors import DataError
 from fl3d.data.text import read_lines
 
+_SEPARATORS = re.compile(r"[\s,;\[\]\"']+")  # between frames on one line, in whatever form
 _ENDING = re.compile(r"\.(bin|npy|pcd|txt|png|jpe?g)$", re.IGNORECASE)
 
 
@@ -40,8 +41,12 @@ def _check(text: str, path: Path, line: int) -> None:
     bare = _ENDING.sub("", last)
     if not bare.strip(". "):
         raise DataError(f"'{text}' is no frame's name, such as 000001", path, line)
-    if bare.split() != [bare] or not bare.isprintable():
-        first = bare.split()[0]
+    if text.startswith(("#", "//", "%")):
+        raise DataError(
+            f"'{text}' looks like a comment, which a list of frames cannot hold", path, line
+        )
+    if len(_SEPARATORS.split(bare)) > 1 or not bare.isprintable():
+        first = next((word for word in _SEPARATORS.split(bare) if word), "000001")
         raise DataError(
             f"'{text}' is not one frame's name: write a name a line, such as {first}", path, line
         )

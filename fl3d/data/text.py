@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import math
 from pathlib import Path
 
@@ -29,10 +30,26 @@ def read_bytes(path: Path) -> bytes:
 def unreadable(path: Path, error: OSError) -> DataError:
     """What to say of a file that the system does not read."""
     if isinstance(error, FileNotFoundError | NotADirectoryError):
-        return DataMissing("no such file", path)
+        return DataMissing(f"no such file{_beside(path)}", path)
     if isinstance(error, IsADirectoryError):
         return DataError("is a folder, but a file is needed", path)
     return DataError(f"cannot be read ({error.strerror or error})", path)
+
+
+def _beside(path: Path) -> str:
+    """What lies there instead: a link to nothing, or a file of another ending, or of the number with other zeros."""
+    try:
+        if path.is_symlink():
+            return f": a link to {path.readlink()}, which is not there"
+        if not path.parent.exists():
+            return f": there is no folder {path.parent.name}"
+        stem = path.stem
+        names = [stem, stem.zfill(6), stem.lstrip("0") or "0"] if stem.isdecimal() else [stem]
+        found = {o.name for n in names for o in path.parent.glob(f"{glob.escape(n)}.*")}
+        others = sorted(found - {path.name})
+    except OSError:
+        return ""
+    return f" (but {', '.join(others[:3])})" if others else ""
 
 
 def is_there(path: Path) -> bool:

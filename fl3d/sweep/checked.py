@@ -18,6 +18,7 @@ from fl3d.sweep.setup import Prepared
 
 MOST_CLOUDS = 200  # of each split: 1.4 s of 1200 simulated frames
 MOST_WARNINGS = 5  # that are printed
+MOST_ERRORS = 10
 TRAIN, VAL = "train", "val"  # what the two splits are called here, whatever their files are
 
 
@@ -34,14 +35,19 @@ def check_start(prepared: Prepared, say: Callable[[str], None]) -> None:
         texts = start_texts(_look(prepared, wanted), prepared.data.root)
         write_text(path, json.dumps(texts, indent=1) + "\n")
     if texts["errors"]:
-        more = texts["warnings"][:MOST_WARNINGS]
-        raise DataError(
-            "\n  ".join([" ".join(texts["errors"]), *more, _hint(prepared)]), prepared.data.root
-        )
+        raise DataError("\n  ".join(_why_not(texts, _hint(prepared))), prepared.data.root)
     for line in [*texts["lines"], *texts["warnings"][:MOST_WARNINGS]]:
         say(line)
     if len(texts["warnings"]) > MOST_WARNINGS:
         say(f"{len(texts['warnings']) - MOST_WARNINGS} more warnings: {_hint(prepared)}")
+
+
+def _why_not(texts: dict[str, list[str]], hint: str) -> list[str]:
+    """Lines of an error: what is wrong, what is odd and may be why, and where all of it is shown."""
+    errors, warnings = texts["errors"], texts["warnings"][:MOST_WARNINGS]
+    left = len(errors) - MOST_ERRORS
+    more = [f"{left} more errors"] if left > 0 else []
+    return ["cannot be used", *errors[:MOST_ERRORS], *more, *warnings, hint]
 
 
 def _hint(prepared: Prepared) -> str:

@@ -63,7 +63,8 @@ def prepare_data(data: DataSettings) -> PreparedData:
     if data.generate:
         root = generate(root, _settings(data))
     elif not (root / "training").is_dir():
-        raise DataMissing("is no KITTI folder: it holds no 'training'", root)
+        hint = f"; give the folder above it, {root.parent}" if root.name == "training" else ""
+        raise DataMissing(f"is no KITTI folder: it holds no 'training'{hint}", root)
     folder = data.folder(root)
     train = subset(folder.split(data.train_split), data.train_frames, data.seed)
     val = subset(folder.split(data.val_split), data.val_frames, data.seed)

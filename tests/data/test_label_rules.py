@@ -27,6 +27,13 @@ def by_table(folder: Path, scored: bool) -> LabelTable:
     return read_table(folder, ["a"], scored)
 
 
+@pytest.mark.parametrize("name", ["Car\u00a0", "\u200bcar", "CAR\ufeff"])
+def test_what_is_not_seen_around_a_class_is_no_part_of_it(tmp_path: Path, name: str) -> None:
+    (tmp_path / "a.txt").write_text(LINE.replace("Car", name), encoding="utf-8")
+    assert by_table(tmp_path, False).types.tolist() == [0]
+    assert read_labels(tmp_path / "a.txt").types.tolist() == ["Car"]
+
+
 @pytest.fixture(params=[by_label, by_table])
 def read(request: pytest.FixtureRequest, tmp_path: Path) -> Read:
     """The content of a label file as a table, by either way."""

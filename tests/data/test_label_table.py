@@ -67,7 +67,12 @@ def test_every_spelling_of_a_number_is_read(tmp_path: Path, text: str) -> None:
     [
         ("Car 1 2 3", "000001.txt:2: 15 fields expected, found 4"),
         ("Car 0.00 0 1e-1 614.24", "000001.txt:2: 15 fields expected, found 5"),
-        (LINE.replace(" ", ","), "000001.txt:2: 15 fields expected, found 1 (KITTI separates"),
+        (
+            LINE.replace(" ", ","),
+            "found 1 in 'Car,0.00,0,1.55,614.24,181.78,727.31,284...' (KITTI separates",
+        ),
+        (LINE.replace(" ", ";"), "(KITTI separates them by blanks)"),
+        ("# by hand", "found 3 in '# by hand' (a comment? label files hold objects alone)"),
         (LINE.replace("1.62", "1_0"), "000001.txt:2: field 'rotation_y': '1_0' is not a number"),
         (LINE.replace("13.22", "1.2.3"), "000001.txt:2: field 'z': '1.2.3' is not a number"),
         (LINE.replace("1.57", "-"), "000001.txt:2: field 'height': '-' is not a number"),

@@ -53,6 +53,19 @@ def test_what_is_missing_is_told_from_what_is_broken(tmp_path: Path) -> None:
             read_bytes(path)
 
 
+def test_a_missing_file_tells_what_lies_there_instead(tmp_path: Path) -> None:
+    folder = tmp_path / "velodyne"
+    with pytest.raises(DataMissing, match=r"no such file: there is no folder velodyne"):
+        read_bytes(folder / "000007.bin")
+    folder.mkdir()
+    (folder / "000007.ply").touch()
+    (folder / "7.bin").symlink_to("away.bin")
+    with pytest.raises(DataMissing, match=r"000007\.bin: no such file \(but 000007\.ply, 7\.bin\)"):
+        read_bytes(folder / "000007.bin")
+    with pytest.raises(DataMissing, match=r"7\.bin: no such file: a link to away\.bin, which is"):
+        read_bytes(folder / "7.bin")
+
+
 def test_numbers_are_finite_and_plain(tmp_path: Path) -> None:
     assert finite("-1e3", "x", tmp_path, 1) == -1000
     for text, message in (("1_0", "'1_0' is not a number"), ("-inf", "'-inf' is not finite")):

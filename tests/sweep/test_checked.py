@@ -51,6 +51,15 @@ def test_a_sweep_with_nothing_to_learn_ends_before_anything_is_trained(
     assert not prepared.layout.stages.exists()
 
 
+def test_an_error_names_its_file(simulated: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(simulated, tmp_path / "data")
+    file = sorted((folder / "training" / "label_2").iterdir())[0]
+    file.write_text("Car 0 0\n")
+    prepared = small_sweep(folder, tmp_path, POINTS)
+    with pytest.raises(DataError, match=rf"error: training/label_2/{file.name}:1: 15 fields"):
+        check_start(prepared, print)
+
+
 def test_many_warnings_are_cut_and_counted(
     simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
