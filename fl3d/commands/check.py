@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from fl3d.check.facts import Facts, gather
@@ -199,7 +200,7 @@ def _draw(path: Path, facts: Facts, split: str) -> None:
     kitti = facts.kitti
     frame = kitti.frame(frame_id)
     file = kitti.path("image_2", frame_id)
-    image = read_picture(file) if file.exists() else None
+    image = _pixels(file) if file.exists() else None
     cloud = facts.clouds[frame_id]
     wanted = np.zeros(len(frame.labels), dtype=bool)
     for mask in cloud.targets.values():
@@ -212,6 +213,15 @@ def _draw(path: Path, facts: Facts, split: str) -> None:
     except OSError as error:
         raise ConfigError(f"--picture {path}: cannot be written ({error.strerror})") from None
     print(f"Drawn: {path.with_suffix('.png')}", file=sys.stderr)
+
+
+def _pixels(file: Path) -> NDArray[np.uint8] | None:
+    """Of a picture; None, and a line, where it is broken behind its header, which tells its size."""
+    try:
+        return read_picture(file)
+    except DataError as problem:
+        print(f"warning: {problem}", file=sys.stderr)
+        return None
 
 
 def _telling_frame(facts: Facts, split: str) -> str | None:

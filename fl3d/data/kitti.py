@@ -173,9 +173,17 @@ class KittiFolder:
         return read_cloud(self.path("velodyne", frame_id), self.cloud)
 
     def read_calibration(self, frame_id: str) -> Calibration:
-        """Calibration of one frame, or that of all."""
+        """Calibration of one frame, or that of all.
+
+        Raises:
+            DataError: it is missing or malformed.
+        """
         if self.calibration == "frame":
-            return read_calibration(self.path("calib", frame_id))
+            path = self.path("calib", frame_id)
+            if not path.parent.exists():
+                hint = "without a camera give data.calibration=axes data.crop=none"
+                raise DataMissing(f"no such file, and no such folder; {hint}", path)
+            return read_calibration(path)
         return AXES if self.calibration == "axes" else MEAN
 
     def image_size(self, frame_id: str) -> tuple[int, int]:

@@ -406,3 +406,24 @@ def test_an_area_ahead_is_warned_of_where_all_around_is_kept(folder: Path) -> No
     found = look(folder, "profile=tiny", "data.crop=none", "protocol=lidar").findings
     assert any("objects beyond x 0 to 38.4" in finding.message for finding in found)
     assert look(folder, "profile=tiny").findings == ()
+
+
+def test_without_calibrations_the_way_out_is_named(folder: Path) -> None:
+    shutil.rmtree(folder / "training" / "calib")
+    (unreadable,) = [one for one in look(folder).errors if "no such folder" in one.message]
+    assert "data.calibration=axes data.crop=none" in unreadable.message
+    assert unreadable.files == 10
+
+
+def test_a_picture_that_is_cut_off_is_named_and_the_rest_is_drawn(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "training" / "image_2").mkdir(exist_ok=True)
+    for frame_id in TRAIN:
+        file = folder / "training" / "image_2" / f"{frame_id}.png"
+        noise = np.random.default_rng(0).integers(0, 255, (375, 1242, 3)).astype(np.uint8)
+        Image.fromarray(noise).save(file)
+        file.write_bytes(file.read_bytes()[:5000])
+    main(["check", str(folder), "--picture", str(tmp_path / "frame.png")])
+    assert "is a broken picture" in capsys.readouterr().err
+    assert (tmp_path / "frame.png").exists()
