@@ -149,7 +149,7 @@ class Command:
 
 def is_command(config: Config) -> bool:
     """Whether a config's detector is trained by a command."""
-    return bool(config["detector"]["_target_"] == TARGET)
+    return bool(config.get("detector", {}).get("_target_") == TARGET)
 
 
 def command_of(section: Mapping[str, Any]) -> Command:

@@ -15,8 +15,8 @@ from fl3d.inference.load import build_detector
 from fl3d.sweep.plan import configure_stage
 
 NAMES = sorted(
-    {path.stem for path in (CONF / "detector").glob("*.yaml")} - {"command"}
-)  # no network
+    {path.stem for path in (CONF / "detector").glob("*.yaml")} - {"command", "imported"}
+)  # those two are no networks
 
 DETERMINISTIC = {  # class: why its training samples are the same whatever the seed
     "FCN3D": "its input is which voxels are occupied, and all its targets are kept",

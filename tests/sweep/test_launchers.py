@@ -22,6 +22,7 @@ from fl3d.core.errors import StageFailed
 from fl3d.core.leases import holder_of
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import Spec, write_spec
+from fl3d.sweep.checked import check_start
 from fl3d.sweep.launchers.base import JobState, Launcher
 from fl3d.sweep.setup import Prepared, machine
 from tests.support import run_small, small_sweep
@@ -108,6 +109,7 @@ def test_it_brings_back_the_error(name: str, simulated: Path, shared: Path) -> N
     sweep = small_sweep(simulated, shared, POINTS, "data.cache_frames=0")
     victim = simulated / "training" / "velodyne" / f"{sweep.data.train_ids[0]}.bin"
     whole = victim.read_bytes()
+    check_start(sweep, lambda line: None)  # while it is whole; a start would refuse it
     try:
         victim.write_bytes(whole[:-3])
         with pytest.raises(StageFailed, match="not a whole number of points"):

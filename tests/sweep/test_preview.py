@@ -120,7 +120,7 @@ def test_a_folder_that_lacks_clouds_is_planned_by_its_lists(
     assert "000007.bin: no such file; 6 frames to train, 4 to validate)" in text
     assert not set(plan.stages) & set(whole.stages)
     (root / "ImageSets" / "val.txt").write_text("frame 7\n")
-    with pytest.raises(DataError, match="not a frame id"):  # it is there, and wrong
+    with pytest.raises(DataError, match="is not one frame's name"):  # it is there, and wrong
         shown(*words)
 
 
