@@ -17,6 +17,7 @@ from fl3d.reports.figures.curves import (
     best_of_k_figure,
     precision_recall,
 )
+from fl3d.reports.figures.style import STYLE, save
 from fl3d.reports.levels import Levels
 from tests.reports.frames import GROUPS, is_figure, tidy_scores
 
@@ -171,3 +172,18 @@ def test_the_same_data_give_the_same_bytes(tmp_path: Path) -> None:
     second = ap_over_level(last, GAMMAS, tmp_path / "b")
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
+
+
+def test_a_dollar_in_a_name_is_a_dollar_and_log_axes_keep_their_powers(tmp_path: Path) -> None:
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots()
+        axes.semilogy([1, 2], [1, 1000], label="costs $5 or $6")
+        title = axes.set_title("a $b$ c_{d}")
+        legend = axes.legend().get_texts()[0]
+        figure.canvas.draw()
+        powers = [tick.label1 for tick in axes.yaxis.get_major_ticks()]
+        save(figure, tmp_path / "figure", (".png",))
+    assert not title.get_parse_math()
+    assert not legend.get_parse_math()
+    assert any("10^{2}" in power.get_text() for power in powers)
+    assert all(power.get_parse_math() for power in powers)

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from fl3d.core.files import write_atomically, write_text
 from fl3d.reports.levels import Levels
@@ -25,7 +26,6 @@ STYLE: Any = {
     "axes.spines.right": False,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
-    "text.parse_math": False,  # a name may hold a dollar sign
 }
 PURPLE, BLUE, ORANGE = (
     "#7b2d8b",
@@ -44,6 +44,7 @@ LEGEND_HANDLE = 6  # letters that a legend's line and the gap behind it take
 
 def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")) -> list[Path]:
     """Write a figure without dates, so that the same data give the same bytes."""
+    _take_dollars_as_dollars(figure)
     written = []
     for ending in endings:
         values = METADATA[ending]
@@ -56,6 +57,13 @@ def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")
         written.append(target)
     plt.close(figure)
     return written
+
+
+def _take_dollars_as_dollars(figure: Figure) -> None:
+    """A name may hold dollar signs; what matplotlib itself writes between two, on log axes, stays a formula."""
+    for text in figure.findobj(Text):
+        if isinstance(text, Text) and "$" in text.get_text():
+            text.set_parse_math("mathdefault" in text.get_text())
 
 
 def write_data(frame: pd.DataFrame, path: Path) -> Path:
