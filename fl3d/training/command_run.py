@@ -270,12 +270,12 @@ class CommandRun(StageRun):
         if not exits:
             raise TrainingError(
                 f"the last lines of its log:\n{_indented(tail(log))}\n"
-                f"{self.stage.key}: its command left no exit code; see {log}"
+                f"its command left no exit code; see {log}"
             )
         if exits[-1].code != 0:
             raise TrainingError(
                 f"the last lines that the command printed:\n{_indented(tail(log))}\n"
-                f"{self.stage.key}: the command ended with {exits[-1]}; all that it printed is in {log}"
+                f"the command ended with {exits[-1]}; all that it printed is in {log}"
                 f"{self._went_on()}"
             )
 
