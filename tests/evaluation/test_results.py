@@ -96,7 +96,9 @@ def test_results_without_any_car_are_refused_by_what_they_hold(
     for name in ids:
         path = folder / f"{name}.txt"
         path.write_text(path.read_text().replace("vehicle", "Pedestrian"))
-    assert read_results(folder, ids).lines.others == ()  # a detector of several classes that found no car yet
+    assert (
+        read_results(folder, ids).lines.others == ()
+    )  # a detector of several classes that found no car yet
 
 
 def test_a_digest_knows_names_and_bytes_and_no_order(simulated: Path, folder: Path) -> None:
