@@ -82,7 +82,7 @@ def test_the_page_names_every_place_and_every_key() -> None:
         assert key == "imported" or re.search(rf"^  {key}:", listed, re.MULTILINE), key
 
 
-@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize("number", range(4))
 def test_every_yaml_of_the_page_is_a_command(number: int) -> None:
     text = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[number]
     content = yaml.safe_load(text)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fl3d.analysis.found import sweep_verdicts
 from fl3d.commands.words import PUBLISHED
-from fl3d.config.compose import CONF, MAIN, check_overrides, own_folders
+from fl3d.config.compose import CONF, MAIN, check_overrides, hydra_says, own_folders
 from fl3d.config.objects import build
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, Fl3dError, StoreError
 from fl3d.core.records import Config
@@ -76,7 +76,7 @@ def run(arguments: list[str]) -> None:
     try:
         task()
     except HydraException as error:
-        raise ConfigError(str(error).strip()) from None
+        raise ConfigError(hydra_says(error)) from None
     if ended:
         raise ended[0]
 

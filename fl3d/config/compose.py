@@ -130,7 +130,7 @@ def multirun(overrides: Sequence[str]) -> Multirun:
         try:
             composed = loader.load_configuration(MAIN, _searched(overrides), RunMode.MULTIRUN)
         except HydraException as error:
-            raise ConfigError(str(error).strip()) from None
+            raise ConfigError(hydra_says(error)) from None
     return multirun_of(loader, composed, list(composed.hydra.overrides.task))
 
 
@@ -151,7 +151,7 @@ def multirun_of(loader: ConfigLoader, composed: DictConfig, arguments: list[str]
                 OmegaConf.update(config, override.key_or_group, override.value(), merge=True)
             return resolve(config)
         except (HydraException, OmegaConfBaseException) as error:
-            raise ConfigError(str(error).strip()) from None
+            raise ConfigError(hydra_says(error)) from None
 
     sweeper, launcher = (section(composed.hydra, name) for name in ("sweeper", "launcher"))
     return Multirun(sweeper, launcher, arguments, resolve(composed), compose_trial)
@@ -321,7 +321,21 @@ def _compose(overrides: Sequence[str]) -> DictConfig:
     try:
         return compose(MAIN, overrides=_searched(overrides), return_hydra_config=False)
     except HydraException as error:
-        raise ConfigError(str(error).strip()) from None
+        raise ConfigError(hydra_says(error)) from None
+
+
+def hydra_says(error: HydraException | OmegaConfBaseException) -> str:
+    """What is wrong, also where Hydra's own message is empty: a ``${`` in a text that is none of OmegaConf's."""
+    text = str(error).strip()
+    cause = error.__cause__
+    if text or cause is None:
+        return text or type(error).__name__
+    key = getattr(cause, "full_key", None)
+    where = f"{key}: " if key else ""
+    return (
+        f"{where}{str(cause).splitlines()[0]}; ${{...}} is a value of the config (OmegaConf's), which this is not: "
+        "write \\${ where the characters are meant, and \\${{NAME}} for a variable of bash in a command"
+    )
 
 
 @contextmanager

@@ -95,10 +95,12 @@ def read_results(folder: Path, ids: Sequence[str]) -> Results:
         ids: of the frames.
 
     Raises:
-        DataError: a file is missing, a line is malformed, or no line of any is a car.
+        DataError: a file is missing, a line is malformed, or no line of any is a car and some are of classes that KITTI
+            does not name, which may be what the program calls cars. Pedestrians alone are what a detector of several
+            classes may find early in its training.
     """
     table = read_table(folder, ids, scored=True)
-    if len(table.types) and not (table.types == CAR).any():
+    if table.others and not (table.types == CAR).any():
         raise DataError(
             f"{len(table.types)} detections in {len(ids)} files, and no Car among them; its types are: "
             f"{', '.join(_types_in(folder, ids))}",

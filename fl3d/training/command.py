@@ -30,7 +30,10 @@ OWN_PLACES = {
     "parent": "folder of the stage that it goes on from",
     "parent_checkpoint": "the last file of that stage that fits `checkpoint`",
     "checkpoint": "the last file of this stage that fits `checkpoint`; in `resume` alone",
+    "resume": "what `resume` says, or nothing where there is nothing to go on from; in `run` alone",
+    "from_parent": "what `from_parent` says, or nothing; in `run` alone",
 }
+ADDED = ("from_parent", "resume")  # behind `run`, or where it names them
 PLACES_OF_RESULTS = ("epoch", "key", "stage", "folder", "program")
 PARENTS = ("parent", "parent_checkpoint")
 # What decides what is trained. The others say how it is watched, read and started again.
@@ -113,9 +116,13 @@ class Command:
         own = [name for name in OWN_PLACES if has_parent or name not in PARENTS]
         lines = self.lines(has_parent)
         for key, line in lines.items():
-            known = [name for name in own if name != "checkpoint"]
+            hidden = ("checkpoint",) if key == "run" else ("checkpoint", *ADDED)
+            known = [name for name in own if name not in hidden]
             check_names(line, f"detector.{key}", known, keys)
-        check_names(self.resume, "detector.resume", own, keys)
+        check_names(
+            self.resume, "detector.resume", [name for name in own if name not in ADDED], keys
+        )
+        self._check_added(has_parent)
         check_names(
             self.checkpoint or "", "detector.checkpoint", ["key", "stage", "program", *keys]
         )
@@ -132,6 +139,24 @@ class Command:
                 "nor {parent_checkpoint}; say how the program takes that up, such as "
                 "from_parent: [--init, '{parent}/last.pt'], or use a schedule of one stage (schedule=from_scratch)"
             )
+
+    def named(self) -> list[str]:
+        """Those of ``from_parent`` and ``resume`` whose place ``run`` itself says."""
+        return [name for name in names_in(self.run, "detector.run") if name in ADDED]
+
+    def _check_added(self, has_parent: bool) -> None:
+        """Refuse a text of several lines that something is added to without saying where."""
+        given = {"resume": self.resume, "from_parent": self.from_parent if has_parent else ()}
+        if "resume" in self.named() and not self.resume:
+            raise ConfigError("detector.resume: run has {resume}, and there is none; give it")
+        if not isinstance(self.run, str) or "\n" not in self.run.strip():
+            return
+        for name, line in given.items():
+            if line and name not in self.named():
+                raise ConfigError(
+                    f"detector.{name}: run is a text of several lines, and it is not known to which of its commands "
+                    f"this is added; write {{{name}}} there"
+                )
 
     def _check_checkpoint(self, has_parent: bool) -> None:
         needed = [*names_in(self.resume, "detector.resume"), *self.places(has_parent)]

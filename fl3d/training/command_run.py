@@ -5,7 +5,6 @@ What it has printed, how each of its starts ended, and the result files' numbers
 
 from __future__ import annotations
 
-import shlex
 import sys
 import time
 from collections.abc import Mapping
@@ -36,7 +35,7 @@ from fl3d.training.result_folders import (
     refuse_surplus,
 )
 from fl3d.training.running import StageRun
-from fl3d.training.templates import fill, fill_text
+from fl3d.training.templates import Bash, Line, fill, fill_text, shell_text
 
 PATIENCE_SECONDS = 30.0  # beyond its grace, for an earlier start of the command to end
 POLL_SECONDS = 1.0  # between looks at its result folders
@@ -67,6 +66,9 @@ class CommandRun(StageRun):
         self.output = Output(folder.command_log, self.command.progress, numbers)
         self.settling = Settling(self.command.settle_seconds)
         self._marked = time.time()
+        self._resumed: Path | None = (
+            None  # the program's own checkpoint that this start goes on from
+        )
 
     @cached_property
     def labels(self) -> Validation:
@@ -116,18 +118,29 @@ class CommandRun(StageRun):
 
     def _arguments(self) -> list[str]:
         """The command, with what is added of a parent and of an interrupted start."""
-        parts = [self.command.run]
-        parts += [self.command.from_parent] if self.stage.parent is not None else []
+        parent, own = self.stage.parent, None
         if self.command.checkpoint is not None and self.command.resume:
             own = self._checkpoint(self.folder)
-            if own is not None:
-                self.values["checkpoint"] = str(own)
-                parts.append(self.command.resume)
-        filled = [fill(part, self.values) for part in parts if part]
-        if isinstance(filled[0], str):
-            line = " ".join(one if isinstance(one, str) else shlex.join(one) for one in filled)
-            return ["bash", "-euo", "pipefail", "-c", line]
-        return [word for one in filled for word in one]
+            self.values["checkpoint"] = str(own)
+        self._resumed = own
+        added = {
+            "from_parent": self._filled(self.command.from_parent, parent),
+            "resume": self._filled(self.command.resume, own),
+        }
+        named = self.command.named()
+        run = fill(self.command.run, self.values | {name: added[name] for name in named})
+        behind = [line for name, line in added.items() if line and name not in named]
+        if isinstance(run, str):
+            text = " ".join([run.rstrip(), *map(shell_text, behind)])
+            return ["bash", "-euo", "pipefail", "-c", text]
+        return [*run, *(word for line in behind for word in line)]
+
+    def _filled(self, line: Line, where: object) -> Line:
+        """What is added to the command: nothing where there is none to go on from."""
+        if where is None or not line:
+            return ()
+        filled = fill(line, self.values)
+        return Bash(filled) if isinstance(filled, str) else filled
 
     def _values(self) -> dict[str, Any]:
         """Of all places that a command may have."""
@@ -257,13 +270,20 @@ class CommandRun(StageRun):
         if not exits:
             raise TrainingError(
                 f"the last lines of its log:\n{_indented(tail(log))}\n"
-                f"{self.stage.key}: its command left no exit code; see {log}"
+                f"its command left no exit code; see {log}"
             )
         if exits[-1].code != 0:
             raise TrainingError(
                 f"the last lines that the command printed:\n{_indented(tail(log))}\n"
-                f"{self.stage.key}: the command ended with {exits[-1]}; all that it printed is in {log}"
+                f"the command ended with {exits[-1]}; all that it printed is in {log}"
+                f"{self._went_on()}"
             )
+
+    def _went_on(self) -> str:
+        """Many a program is ended while it writes its checkpoint, and then can never go on from it."""
+        if self._resumed is None:
+            return ""
+        return f"; it was to go on from {self._resumed}: if that is broken, delete it and start the sweep again"
 
     def _check_results(self, starts: int) -> None:
         """Refuse a stage whose last epoch has no results, or that has results of other frames.

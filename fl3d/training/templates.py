@@ -17,6 +17,12 @@ FL3D_SECTIONS = (
     *("augment", "compile", "data", "detections", "detector", "device", "precision", "profile"),
     *("protocol", "results", "schedule", "selection", "store", "sweep", "workers"),
 )
+
+
+class Bash(str):
+    """A text that is bash already, and comes into another unquoted."""
+
+
 _PART = re.compile(r"\{\{|\}\}|\{([^{}]*)\}|[{}]")
 
 
@@ -122,6 +128,8 @@ def value_text(value: Any) -> str:
 
 def shell_text(value: Any) -> str:
     """A value as one word of bash, or of a list a word for each item."""
+    if isinstance(value, Bash):
+        return value
     if isinstance(value, Sequence) and not isinstance(value, str):
         return " ".join(shlex.quote(value_text(one)) for one in value)
     return shlex.quote(value_text(value))

@@ -93,6 +93,12 @@ def test_results_without_any_car_are_refused_by_what_they_hold(
         path.write_text(path.read_text().replace("Car", "vehicle"))
     with pytest.raises(DataError, match=r"no Car among them; its types are: .*vehicle"):
         read_results(folder, ids)
+    for name in ids:
+        path = folder / f"{name}.txt"
+        path.write_text(path.read_text().replace("vehicle", "Pedestrian"))
+    assert (
+        read_results(folder, ids).lines.others == ()
+    )  # a detector of several classes that found no car yet
 
 
 def test_a_digest_knows_names_and_bytes_and_no_order(simulated: Path, folder: Path) -> None:

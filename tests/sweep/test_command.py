@@ -138,6 +138,20 @@ def test_another_program_is_another_stage(make: Make, tmp_path: Path) -> None:
         ({"from_parent": []}, r"stage 'focal' goes on from another.*\{parent\}"),
         ({"results": "results/data"}, r"has no \{epoch\}"),
         ({"resume": ["--resume"]}, "give that too, such as ckpt"),
+        ({"run": [*RUN, "{resume}"]}, r"run has \{resume\}, and there is none"),
+        (
+            {"run": "a\nb\n"},
+            r"from_parent: run is a text of several lines.*write \{from_parent\}",
+        ),
+        (
+            {"run": "a {from_parent}\nb\n", "resume": ["--go-on"], "checkpoint": "*.pt"},
+            r"resume: run is a text of several lines.*write \{resume\}",
+        ),
+        ({"env": {"X": "{resume}"}}, r"detector.env.X: no placeholder \{resume\}"),
+        (
+            {"run": "echo ${{HOME}}"},
+            r"detector.run: .*write \\\$\{ where .* and \\\$\{\{NAME\}\} for",
+        ),
         ({"progress": "epoch (.)"}, "has no group named epoch"),
         ({"results_folder": "x"}, "results_folder: no key of a command. Did you mean 'results'"),
         (
@@ -234,6 +248,47 @@ def test_blanks_and_quotes_reach_the_program_as_they_are(make: Make) -> None:
     sweep = make([["seed=0"]], *words, run=[*RUN, "{extra.flags}"], schedule="from_scratch")
     run_small(sweep)
     assert "\nnote: x y\n" in only(sweep).command_log.read_text()
+
+
+TWO_COMMANDS = """
+note=(--note "it's {seed}")
+{python} {program}/example_program.py --data={data_root} --val={val_split} --out={folder} --epochs={epochs} \\
+  "\\${{note[@]}}" --fail-after=1 {resume}
+echo "and then \\${{#note[@]}} words"
+"""
+
+
+@pytest.mark.parametrize(
+    ("run", "resume"),
+    [
+        (TWO_COMMANDS, ["--note={checkpoint}"]),
+        (TWO_COMMANDS, "--note={checkpoint}"),
+        ([*RUN, "--note=it's 0", "{resume}", "--fail-after=1"], ["--note={checkpoint}"]),
+        (" ".join([*RUN, "--fail-after=1 --note=it\\'s\\ 0\n"]), ["--note={checkpoint}"]),
+    ],
+)
+def test_what_is_added_of_an_interrupted_start_comes_where_it_is_named_or_behind(
+    make: Make, run: object, resume: object
+) -> None:
+    section = {"run": run, "checkpoint": "last.json", "resume": resume, "from_parent": []}
+    with pytest.raises(StageFailed, match="ended with code 3"):
+        run_small(make([["seed=0"]], schedule="from_scratch", **section))
+    sweep = make([["seed=0"]], schedule="from_scratch", **section)
+    run_small(sweep)
+    notes = re.findall(r"^note: (.*)$", only(sweep).command_log.read_text(), re.MULTILINE)
+    assert notes == ["it's 0", str(only(sweep).work / "last.json")]
+    log = only(sweep).command_log.read_text()
+    assert ("\nand then 2 words\n" in log) == (run is TWO_COMMANDS)
+
+
+def test_a_start_that_fails_says_which_checkpoint_it_was_to_go_on_from(make: Make) -> None:
+    section = {"run": [*RUN, "--fail-after=1"], "checkpoint": "last.json", "resume": ["--no-such"]}
+    with pytest.raises(StageFailed, match=r"code 3; all .*command\.log$"):
+        run_small(make([["seed=0"]], schedule="from_scratch", **section))
+    with pytest.raises(
+        StageFailed, match=r"code 2; .* go on from .*work/last.json: if that is broken"
+    ):
+        run_small(make([["seed=0"]], schedule="from_scratch", **section))
 
 
 @pytest.mark.parametrize(
