@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from fl3d.core.errors import DataError
 from fl3d.data.calibration import Calibration
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.labels import Labels, check_sizes, labels_from_columns
+from fl3d.evaluation.detections import Validation
 from fl3d.evaluation.protocol import Protocol
 from fl3d.geometry.boxes import count_points_inside
 
@@ -43,10 +45,11 @@ class Beside:
     picture: str | None
 
     @property
-    def is_whole(self) -> bool:
-        """Whether all of it can be read."""
-        parts = (self.labels, self.calibration, self.image_size)
-        return all(part is not None for part in parts)
+    def whole(self) -> tuple[Labels, Calibration, tuple[int, int]] | None:
+        """Labels, calibration and size, where all three can be read."""
+        if self.labels is None or self.calibration is None or self.image_size is None:
+            return None
+        return self.labels, self.calibration, self.image_size
 
 
 @dataclass(frozen=True)
@@ -107,9 +110,21 @@ class Facts:
         found = (self.beside[i].labels for i in self.splits[split])
         return [labels for labels in found if labels is not None]
 
-    def whole(self, split: str) -> list[str]:
-        """Frames of a split of which everything beside the cloud can be read."""
-        return [i for i in self.splits[split] if self.beside[i].is_whole]
+    @cached_property
+    def validations(self) -> dict[str, Validation]:
+        """By split, those frames of which everything beside the cloud can be read; clouds are read once at most."""
+        found = {}
+        for split, ids in self.splits.items():
+            parts = {i: self.beside[i].whole for i in ids}
+            whole = {i: part for i, part in parts.items() if part is not None}
+            found[split] = Validation(
+                tuple(whole),
+                tuple(labels for labels, _, _ in whole.values()),
+                tuple(calibration for _, calibration, _ in whole.values()),
+                tuple(size for _, _, size in whole.values()),
+                self.kitti,
+            )
+        return found
 
     def looked_at(self, split: str) -> list[str]:
         """Frames of a split whose clouds were looked at."""
@@ -141,10 +156,10 @@ def gather(
 
     Args:
         kitti: the folder.
-        splits: ids by name of the split.
+        splits: ids by name of the split, that which is learnt from first.
         wanted: what detectors learn from.
         protocol: what an AP stands for.
-        most_clouds: of each split, evenly chosen; None: all.
+        most_clouds: of each split, evenly chosen; more where no target is among those of the first; None: all.
         tick: called for each frame that was read.
     """
     problems: list[DataError] = []
@@ -153,13 +168,21 @@ def gather(
         beside[frame_id] = look_beside(kitti, frame_id, wanted, problems)
         tick()
     clouds: dict[str, Cloud] = {}
+
+    def look(frame_id: str) -> Cloud | None:
+        if frame_id not in clouds:
+            cloud = look_at_cloud(kitti, frame_id, beside[frame_id], wanted, problems)
+            tick()
+            if cloud is None:
+                return None
+            clouds[frame_id] = cloud
+        return clouds[frame_id]
+
     for ids in splits.values():
         for frame_id in some_of(ids, most_clouds):
-            if frame_id not in clouds:
-                cloud = look_at_cloud(kitti, frame_id, beside[frame_id], wanted, problems)
-                if cloud is not None:
-                    clouds[frame_id] = cloud
-                tick()
+            look(frame_id)
+    for one in wanted:
+        _look_for_a_target(one, next(iter(splits.values())), beside, clouds, look)
     return Facts(
         kitti=kitti,
         splits={name: tuple(ids) for name, ids in splits.items()},
@@ -169,6 +192,25 @@ def gather(
         protocol=protocol,
         problems=problems,
     )
+
+
+def _look_for_a_target(
+    wanted: Wanted,
+    ids: Sequence[str],
+    beside: Mapping[str, Beside],
+    clouds: Mapping[str, Cloud],
+    look: Callable[[str], Cloud | None],
+) -> None:
+    """Look at further clouds until one holds a target: a class may be rare, and a few clouds say nothing of it."""
+    if any(clouds[i].targets[wanted.detector].any() for i in ids if i in clouds):
+        return
+    for frame_id in ids:
+        labels = beside[frame_id].labels
+        if frame_id in clouds or labels is None or not np.isin(labels.types, wanted.classes).any():
+            continue
+        cloud = look(frame_id)
+        if cloud is not None and cloud.targets[wanted.detector].any():
+            return
 
 
 def some_of(ids: Sequence[str], most: int | None) -> list[str]:

@@ -11,7 +11,7 @@ from fl3d.check.wanted import Wanted
 from fl3d.core.errors import DataError
 from fl3d.data.labels import Labels
 from fl3d.evaluation.counts import LabelCounts, count_labels
-from fl3d.evaluation.detections import Validation, ground_truths
+from fl3d.evaluation.detections import ground_truths
 from fl3d.reports.uncounted import why_no_label
 
 EVALUATED = ("Car",)  # what a sweep's AP is of
@@ -39,16 +39,9 @@ def of_nothing(facts: Facts, train: str, val: str) -> Iterator[Finding]:
 
 def counted(facts: Facts, split: str, classes: Sequence[str] | None = None) -> LabelCounts | None:
     """What counts of a split under the protocol; None where a cloud that its difficulty goes by cannot be read."""
-    whole = facts.whole(split)
-    if not whole:
+    validation = facts.validations[split]
+    if not validation.ids:
         return None
-    validation = Validation(
-        tuple(whole),
-        tuple(facts.beside[i].labels for i in whole),  # type: ignore[misc]
-        tuple(facts.beside[i].calibration for i in whole),  # type: ignore[misc]
-        tuple(facts.beside[i].image_size for i in whole),  # type: ignore[misc]
-        facts.kitti,
-    )
     try:
         gt, beyond, points = ground_truths(validation, facts.protocol)
     except DataError:  # said already

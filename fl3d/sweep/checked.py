@@ -33,7 +33,8 @@ def check_start(prepared: Prepared, say: Callable[[str], None]) -> None:
     texts = _read(path)
     if texts is None:
         texts = start_texts(_look(prepared, wanted), prepared.data.root)
-        write_text(path, json.dumps(texts, indent=1) + "\n")
+        if not texts["errors"]:  # what stands in the way may be gone at the next start
+            write_text(path, json.dumps(texts, indent=1) + "\n")
     if texts["errors"]:
         raise DataError("\n  ".join(_why_not(texts, _hint(prepared))), prepared.data.root)
     for line in [*texts["lines"], *texts["warnings"][:MOST_WARNINGS]]:
@@ -51,7 +52,8 @@ def _why_not(texts: dict[str, list[str]], hint: str) -> list[str]:
 
 
 def _hint(prepared: Prepared) -> str:
-    return f'python -m fl3d check "{prepared.data.root}" shows all of it, with a picture'
+    command = f'python -m fl3d check "{prepared.data.root}"'
+    return f"{command}, with the words of this sweep, shows all of it, and a picture"
 
 
 def _key(prepared: Prepared, wanted: tuple[Wanted, ...]) -> str:

@@ -427,3 +427,39 @@ def test_a_picture_that_is_cut_off_is_named_and_the_rest_is_drawn(
     main(["check", str(folder), "--picture", str(tmp_path / "frame.png")])
     assert "is a broken picture" in capsys.readouterr().err
     assert (tmp_path / "frame.png").exists()
+
+
+def test_a_rare_class_is_looked_for_beyond_the_chosen_clouds(folder: Path) -> None:
+    config = compose_config(["data=kitti"])
+    protocol = read_settings(config).protocol
+    kitti, wanted = KittiFolder(folder), wanted_by([config])
+    whole = gather(kitti, {"train": TRAIN, "val": VAL}, wanted, protocol, None)
+    (holder,) = [i for i in TRAIN if whole.clouds[i].targets["VoxelNet"].any()][1:2]
+    for frame_id in TRAIN:
+        if frame_id != holder:  # its cars are trucks now
+            file = folder / "training" / "label_2" / f"{frame_id}.txt"
+            file.write_text(file.read_text().replace("Car ", "Truck "))
+    chosen = next(i for i in TRAIN if i != holder)
+    ids = [chosen, *(i for i in TRAIN if i != chosen)]
+    facts = gather(kitti, {"train": ids, "val": VAL}, wanted, protocol, 1)
+    assert set(facts.clouds) - set(VAL) == {chosen, holder}
+    assert checked(facts, "train", "val").errors == []
+
+
+def test_clouds_are_read_once_however_often_objects_are_counted(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = compose_config(["data=kitti", "protocol=lidar", "protocol.difficulty=points"])
+    read: list[str] = []
+    original = KittiFolder.read_cloud
+
+    def counting(self: KittiFolder, frame_id: str) -> object:
+        read.append(frame_id)
+        return original(self, frame_id)
+
+    monkeypatch.setattr(KittiFolder, "read_cloud", counting)
+    facts = gather(
+        KittiFolder(folder), {"train": TRAIN, "val": VAL}, (), read_settings(config).protocol, 0
+    )
+    assert checked(facts, "train", "val").errors == []
+    assert sorted(read) == VAL

@@ -70,3 +70,21 @@ def test_many_warnings_are_cut_and_counted(
     check_start(prepared, said.append)
     assert said[:8] == ["a", "b", "c", "w0", "w1", "w2", "w3", "w4"]
     assert said[8].startswith("2 more warnings: python -m fl3d check")
+
+
+def test_what_stood_in_the_way_is_not_remembered(
+    simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that may not be read is one thing that a digest of the data does not tell."""
+    prepared = small_sweep(simulated, tmp_path, POINTS)
+
+    def refused(*_: object) -> dict[str, list[str]]:
+        return {"lines": [], "errors": ["error: cannot be read"], "warnings": []}
+
+    with monkeypatch.context() as broken:
+        broken.setattr(checked, "start_texts", refused)
+        with pytest.raises(DataError, match="cannot be read"):
+            check_start(prepared, lambda line: None)
+    said: list[str] = []
+    check_start(prepared, said.append)
+    assert len(said) == 3
