@@ -111,10 +111,11 @@ def clean(
 
 
 def _refuse_while_running(layout: StoreFolder) -> None:
-    for lease in layout.plans.glob("*.lease"):
+    for lease in layout.leases():
         holder = holder_of(lease)
         if holder is not None:
-            raise StoreError(f"{lease.stem} is being run by {holder}; nothing is deleted meanwhile")
+            name = lease.relative_to(layout.plans).with_suffix("")
+            raise StoreError(f"{name} is being run by {holder}; nothing is deleted meanwhile")
 
 
 def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Findings:
@@ -123,9 +124,9 @@ def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Finding
     for run in idle:
         if run.is_done:
             _find_weights(run, keep_every, found)
-    found.waste += _temporary(layout.root)
+    found.waste += _temporary(layout)
     try:
-        named = named_stages(sorted(layout.plans.glob("*.json")))
+        named = named_stages(layout)
     except StoreError as error:
         if orphans:
             raise StoreError(f"--orphans: nobody can tell which stages it names: {error}") from None
@@ -139,8 +140,7 @@ def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Finding
 
 def _idle_runs(layout: StoreFolder) -> Iterator[RunFolder]:
     """Stages that nobody trains now."""
-    for path in sorted(layout.stages.glob("*")):
-        run = RunFolder(path)
+    for run in layout.runs():
         if run.spec.exists() and holder_of(run.lease) is None:
             yield run
 
@@ -153,9 +153,11 @@ def _find_weights(run: RunFolder, keep_every: int | None, found: Findings) -> No
         found.notes.append(f"All its weights are kept: {error}")
 
 
-def _temporary(root: Path) -> Iterator[Waste]:
-    for path in sorted(root.rglob(".*.tmp")):
-        if time.time() - path.stat().st_mtime > OLD_SECONDS:
+def _temporary(layout: StoreFolder) -> Iterator[Waste]:
+    programs = [run.work for run in layout.runs()]
+    for path in sorted(layout.root.rglob(".*.tmp")):
+        is_ours = not any(path.is_relative_to(work) for work in programs)
+        if is_ours and time.time() - path.stat().st_mtime > OLD_SECONDS:
             yield Waste("temporary files of processes that were killed", path)
 
 

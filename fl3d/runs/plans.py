@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from fl3d.core.errors import StoreError
 from fl3d.core.files import write_text
 from fl3d.core.records import Trial
+from fl3d.runs.layout import StoreFolder
 
 VERSION = (
     2  # raised whenever the file means something else. 2: values, levels and configs of trials
@@ -117,7 +118,7 @@ def read_plan(path: Path) -> FrozenPlan:
     """Read what ``write_plan`` wrote.
 
     Raises:
-        StoreError: there is none, it is torn, or another version of fl3d wrote it.
+        StoreError: there is none, it is torn or cannot be read, or another version of fl3d wrote it.
     """
     try:
         content = json.loads(path.read_text())
@@ -134,6 +135,8 @@ def read_plan(path: Path) -> FrozenPlan:
         )
     except FileNotFoundError:
         raise StoreError(f"{path}: no such file; run the sweep first") from None
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise StoreError(f"{path}: is not a sweep's plan ({error})") from None
 
@@ -154,9 +157,22 @@ def _shared(configs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def named_stages(paths: Iterable[Path]) -> set[str]:
-    """Keys of the stages that any of some plans names."""
+def named_stages(layout: StoreFolder) -> set[str]:
+    """Keys of the stages that any plan of a store names, wherever below its root the plan lies.
+
+    Raises:
+        StoreError: a plan is torn, of another version or cannot be read, so that nobody knows what it names.
+    """
+    paths = [*layout.plan_files(), *(path for path in layout.strays() if _looks_like_plan(path))]
     found: set[str] = set()
     for path in paths:
         found |= read_plan(path).stages
     return found
+
+
+def _looks_like_plan(path: Path) -> bool:
+    """Whether a file is a plan, or the beginning of one."""
+    try:
+        return '"trials": [' in path.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read ({error.strerror})") from None

@@ -160,7 +160,7 @@ def refuse_several_machines(store: Store, layout: StoreFolder) -> None:
     """
     if not store.is_for_one_machine:
         return
-    for path in layout.plans.glob("*.lease"):
+    for path in layout.leases():
         holder = holder_of(path)
         if holder is not None and holder.host != socket.gethostname():
             raise StoreError(

@@ -13,6 +13,7 @@ from optuna.trial import TrialState as OptunaState
 from fl3d.config.objects import build
 from fl3d.config.settings import read_settings
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.names import check_name
 from fl3d.core.records import Config
 from fl3d.evaluation.selection import RULES
 from fl3d.store.opening import open_store
@@ -82,6 +83,8 @@ class Study(Sweeper):
         self.pruner = pruner
         self.sampler = sampler or {"_target_": "optuna.samplers.TPESampler", "seed": base["seed"]}
         self.storage = storage
+        if study_name is not None and storage is None:  # then a file has it
+            check_name("hydra.sweeper.study_name", study_name)
         self.name = study_name or self.settings.experiment
         self.enqueue = enqueue
         self._trials: dict[int, str] = {}  # of this start: the study's number, and our key
