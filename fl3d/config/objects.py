@@ -13,6 +13,8 @@ from hydra.utils import get_class, instantiate
 from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config
 
+_NAMED: list[str] = []  # folders of the user's own, see ``make_importable``
+
 
 def build(section: Config, name: str, **arguments: Any) -> Any:
     """Make the object that a config section's ``_target_`` names.
@@ -54,7 +56,12 @@ def locate(target: str, name: str) -> Any:
 
 
 def make_importable(folders: Iterable[str]) -> None:
-    """Let ``_target_`` name modules in folders of the user's own."""
+    """Let ``_target_`` name modules in folders of the user's own; those that were named first are asked first.
+
+    What the command line names comes before what a stage was trained with: that may have been moved, and another's lie
+    there now.
+    """
     for folder in folders:
         if folder not in sys.path:
-            sys.path.insert(0, folder)
+            sys.path.insert(sum(path in _NAMED for path in sys.path), folder)
+            _NAMED.append(folder)

@@ -210,16 +210,21 @@ class FinishedSweep:
         return dict(zip(own["trial"], own["run"], strict=True))
 
     def kitti(self) -> KittiFolder:
-        """Its frames."""
+        """Its frames, where its settings say that they lie, or where they lay.
+
+        Raises:
+            DataError: they are not there, or others are.
+        """
+        return self._kitti
+
+    @cached_property
+    def _kitti(self) -> KittiFolder:
         spec = read_spec(self.trials[0].folder)
-        moved = self.settings.data.root
-        if (
-            not spec.machine.data_root.is_dir()
-            and moved is not None
-            and not self.settings.data.generate
-        ):
-            return spec.kitti(moved)
-        return spec.kitti()
+        given = self.settings.data.root
+        if given is not None and self.settings.data.generate:
+            given = given / spec.machine.data_root.name  # below it lie several simulated ones
+        is_there = given is not None and (given / "training").is_dir()
+        return spec.kitti(given if is_there else None)
 
     @cached_property
     def validation(self) -> Validation:

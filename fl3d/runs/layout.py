@@ -31,6 +31,26 @@ class RunFolder:
         """Whether the stage is trained to its end."""
         return self.done.exists()
 
+    @property
+    def root(self) -> Path:
+        """Of the store that it lies in, absolute."""
+        return self.path.absolute().parent.parent
+
+    def here(self, written: str) -> Path:
+        """Where a file of the folder lies now, whose place was written down before the store was moved.
+
+        Args:
+            written: relative to the folder, or absolute as it was then; a path that leads elsewhere stays.
+        """
+        path = Path(written)
+        if path.is_absolute():
+            ending = (self.path.parent.name, self.key)
+            places = [n for n in range(1, len(path.parts)) if path.parts[n - 1 : n + 1] == ending]
+            if not places:
+                return path
+            path = Path(*path.parts[places[-1] + 1 :])
+        return self.path / path
+
     def beside(self, key: str) -> RunFolder:
         """The folder of another stage of the same store."""
         return RunFolder(self.path.parent / key)

@@ -107,6 +107,7 @@ def machine(prepared: Prepared) -> Machine:
         data_root=prepared.data.root.absolute(),
         train_ids=prepared.data.train_ids,
         val_ids=prepared.data.val_ids,
+        labels_digest=prepared.data.labels_digest,
         protocol=settings.protocol,
         device=settings.device,
         workers=settings.workers,

@@ -235,7 +235,7 @@ def test_a_folder_of_plans_that_cannot_be_read_keeps_all(
         return scandir(path)
 
     monkeypatch.setattr(os, "scandir", refusing)
-    with pytest.raises(StoreError, match=r"nobody can tell .*alice: cannot be read \(Permission"):
+    with pytest.raises(StoreError, match=r"alice: cannot be read \(Permission"):
         clean(layout.root, None, delete=True, orphans=True, say=lambda line: None)
     assert layout.run("orphan").is_done
 

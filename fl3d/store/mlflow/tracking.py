@@ -31,6 +31,7 @@ from mlflow.exceptions import MlflowException
 from fl3d.core.errors import StoreError
 from fl3d.core.leases import leased
 from fl3d.store.base import RunStatus, Scored, Store
+from fl3d.store.mlflow.moved import artifact_location, mend_locations
 from fl3d.store.mlflow.reading import read_database, read_server
 from fl3d.store.mlflow.view import TAG as VIEW_TAG
 from fl3d.store.mlflow.view import link, tag_value
@@ -101,6 +102,26 @@ class MlflowStore(Store):
         self.client: Any = GuardedClient(MlflowClient)
         with outages(), self._alone():
             self.client.connect(self.uri)
+            self._mend()
+
+    def _mend(self) -> None:
+        """Let MLflow find the artifacts of a root that was moved; a server keeps its own."""
+        if self.is_server:
+            return
+        is_own = self._file is not None and self._file.parent == self.root
+        engine = sa.create_engine(self.uri)
+        try:
+            with engine.connect() as connection:
+                mend_locations(connection, self.root, is_own)
+        finally:
+            engine.dispose()
+
+    @property
+    def _file(self) -> Path | None:
+        """The database, where it is a file."""
+        if not self.is_for_one_machine:
+            return None
+        return Path(self.uri.removeprefix("sqlite:///")).absolute()
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
@@ -123,7 +144,7 @@ class MlflowStore(Store):
     def experiment(self, name: str, note: str) -> str:
         found = self.client.get_experiment_by_name(name)
         if found is None:
-            location = None if self.is_server else (self.root / "artifacts" / name).as_uri()
+            location = None if self.is_server else artifact_location(self.root, name)
             try:
                 return str(
                     self.client.create_experiment(name, location, {"mlflow.note.content": note})
