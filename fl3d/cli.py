@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import sys
@@ -41,6 +42,16 @@ CONFIG_DIR = ("--config-dir", "-cd")
 MISTAKE = 2  # exit code of what was asked or given wrongly, as argparse's own
 FAILED = 1  # of what failed while it ran
 FAILURES = (StageFailed, TrainingError)
+# What the system refuses of a place that the user chose: it is full, read-only, somebody else's, or none.
+REFUSALS = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENOTDIR,
+    errno.ENAMETOOLONG,
+)
 TRAIN = "train"  # what runs where no command is named
 # Hydra's options.
 MULTIRUN = {"-m", "--multirun"}
@@ -62,6 +73,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise ended(f"fl3d: {error}", FAILED if isinstance(error, FAILURES) else MISTAKE) from None
     except KeyboardInterrupt:
         sys.exit("\nfl3d: interrupted; run the same command to resume")
+    except OSError as error:
+        if error.errno not in REFUSALS:
+            raise
+        where = f"{error.filename}: " if error.filename else ""
+        raise ended(f"fl3d: {where}{error.strerror}", MISTAKE) from None
 
 
 def _with_config_dir(typed: list[str]) -> list[str]:

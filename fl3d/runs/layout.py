@@ -198,9 +198,14 @@ class StoreFolder:
         """Held by the process that runs the sweep."""
         return self.plans / f"{experiment}.lease"
 
+    @property
+    def checks(self) -> Path:
+        """Folder of what looks at data found."""
+        return self.root / "checks"
+
     def check(self, key: str) -> Path:
         """What a look at a sweep's data found, see ``sweep.checked``."""
-        return self.root / "checks" / f"{key}.json"
+        return self.checks / f"{key}.json"
 
     def study(self, name: str) -> Path:
         """The journal of an Optuna study."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from fl3d.core.errors import CheckpointError, DataError, StoreDown
+from fl3d.core.errors import CheckpointError, DataError, StoreDown, StoreError
 from fl3d.core.records import Trial
 from fl3d.evaluation.selection import MEAN_3D, RULES, select
 from fl3d.runs.checkpoints import load_state, read_marker, save_state
@@ -83,6 +83,9 @@ class Recorder:
         self.subject = subject
         self.say = say
         self._runs: dict[str, _Run] = {}
+        self._models: set[tuple[str, str]] | None = (
+            None  # that the store held when this start began
+        )
         self._retry_at = 0.0
 
     @property
@@ -136,7 +139,7 @@ class Recorder:
             for run in self._runs.values():
                 if run.closed is None:
                     self.store.end(run.id, RunStatus.STOPPED)
-        except StoreDown:
+        except (StoreError, OSError):  # down, or its disk is full
             return
 
     def _sync_or_say(self, standing: Standing) -> None:
@@ -178,8 +181,15 @@ class Recorder:
         name = run_name(trial, self.subject.factor)
         run = self.store.run(self.subject.experiment, trial.key, protocol, name, tags, params)
         self.store.link_dataset(run, *self.subject.dataset, self.subject.data_root)
-        closed = RunStatus.DONE if self.store.is_finished(run) else None
+        is_whole = self.store.is_finished(run) and self._has_models(run)
+        closed = RunStatus.DONE if is_whole else None
         return _Run(run, self.store.logged_steps(run), closed)
+
+    def _has_models(self, run: str) -> bool:
+        """Whether a run's models are there: somebody may have deleted them in the UI."""
+        if self._models is None:
+            self._models = self.store.models(self.subject.experiment)
+        return all((run, rule) in self._models for rule in RULES)
 
     def _tags(self, trial: Trial) -> dict[str, str]:
         return {

@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from fl3d.core.errors import StageFailed
+from fl3d.core.errors import StageFailed, Unwritable
+from fl3d.core.files import ROOM, check_writable
 from fl3d.core.leases import holder_of
 from fl3d.core.records import Stage
 from fl3d.runs.layout import RunFolder, StoreFolder
@@ -227,4 +228,15 @@ class Scheduler:
         if state is JobState.KILLED:
             return f"killed {self._tries[folder.key]} times without making progress"
         trace = folder.error.read_text() if folder.error.exists() else ""
-        return trace or "ended without a traceback; see the logs in its folder"
+        return (
+            trace or _unwritable(folder) or "ended without a traceback; see the logs in its folder"
+        )
+
+
+def _unwritable(folder: RunFolder) -> str:
+    """Why a stage could not even say what was wrong; nothing where it could have."""
+    try:
+        check_writable(folder.path, ROOM)
+    except Unwritable as error:
+        return str(error)
+    return ""

@@ -19,6 +19,7 @@ from fl3d.store.base import Store
 from fl3d.sweep.identity import reading
 from fl3d.sweep.notes import note
 from fl3d.sweep.pictures import draw_frame_with_most_cars
+from fl3d.sweep.places import check_places
 from fl3d.sweep.plan import DataInfo, Plan
 from fl3d.sweep.planner import Planner
 from fl3d.sweep.prepare import PreparedData, prepare_data
@@ -63,12 +64,13 @@ def prepare_sweep(sweeper: Sweeper) -> Prepared:
     """Find or simulate the data, and plan what the sweeper proposes first.
 
     Raises:
-        ConfigError: there are no trials, or they cannot be run.
+        ConfigError: there are no trials, they cannot be run, or what they come to cannot be written.
         DataError: the data cannot be used.
     """
     if not sweeper.base:
         raise ConfigError("a sweep needs at least one trial")
     settings = read_settings(sweeper.base)
+    check_places(settings)
     data = prepare_data(settings.data)
     info = DataInfo(data.digest, len(data.train_ids), data.image_digest)
     planner = Planner(

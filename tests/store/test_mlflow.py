@@ -1,6 +1,7 @@
 """What a store in MLflow keeps to beside the contract: files, limits and half-made runs."""
 
 import json
+import shutil
 import sqlite3
 from pathlib import Path
 
@@ -224,3 +225,51 @@ def test_the_views_columns_are_tags_that_the_recorder_sets(store: MlflowStore) -
     (tag,) = (v for k, v in store.client.get_experiment(number).tags.items() if "sharedView" in k)
     columns = json.loads(json.loads(tag)["state"])["selectedColumns"]
     assert {"tags.`group`", "tags.`level`", "tags.`seed`"} <= set(columns)
+
+
+def location_of(store: MlflowStore, experiment: str) -> str:
+    return str(store.client.get_experiment(experiment).artifact_location)
+
+
+def test_a_store_that_was_moved_finds_its_artifacts(tmp_path: Path) -> None:
+    """Only paths of its own: not those of a name that begins alike, nor an experiment of the user's own."""
+    before = MlflowStore(tmp_path / "was # here")
+    before.root.mkdir()
+    before.open()
+    numbers = [before.experiment(name, "") for name in ("alice/gamma", "gamma", "gamma-2")]
+    run = before.run(numbers[1], "trial-a", "paper-1", "a", {}, {})
+    own = before.client.create_experiment("own", "file:///mine/of-own")
+    bucket = before.client.create_experiment("bucket", "s3://bucket/artifacts/bucket")
+    assert before.root.rename(tmp_path / "is 100 % there").exists()
+    after = MlflowStore(tmp_path / "is 100 % there")
+    for _ in range(2):  # to mend what is mended changes nothing
+        after.open()
+        base = (after.root / "artifacts").as_uri()
+        found = [location_of(after, number) for number in numbers]
+        assert found == [f"{base}/alice/gamma", f"{base}/gamma", f"{base}/gamma-2"]
+        where = after.client.get_run(run).info.artifact_uri
+        assert where == f"{base}/gamma/{run}/artifacts"
+        assert location_of(after, own) == "file:///mine/of-own"
+        assert location_of(after, bucket) == "s3://bucket/artifacts/bucket"
+
+
+def test_a_shared_database_follows_only_artifacts_that_went_along(tmp_path: Path) -> None:
+    """A root that opens it does not take over the sweeps of another, whose place it may not even see."""
+    uri = f"sqlite:///{tmp_path / 'shared.db'}"
+    mine, other = (MlflowStore(tmp_path / name, uri) for name in ("mine", "other"))
+    mine.open()
+    number = mine.experiment("gamma", "")
+    (mine.root / "artifacts" / "gamma").mkdir(parents=True)
+    before = location_of(mine, number)
+    other.open()
+    assert location_of(other, number) == before
+    (other.root / "artifacts" / "gamma").mkdir(parents=True)
+    other.open()
+    assert location_of(other, number) == before  # it is where it was
+    shutil.rmtree(other.root)
+    mine.root.rename(tmp_path / "moved")
+    other.open()
+    assert location_of(other, number) == before  # it is not here
+    moved = MlflowStore(tmp_path / "moved", uri)
+    moved.open()
+    assert location_of(moved, number) == (tmp_path / "moved" / "artifacts" / "gamma").as_uri()

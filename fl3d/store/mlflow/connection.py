@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 # A server that is down shall be found out in seconds; who waits for it decides when to try again.
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
@@ -18,9 +20,10 @@ import sqlalchemy as sa
 from mlflow import MlflowClient
 from mlflow.exceptions import MlflowException
 
-from fl3d.core.errors import StoreDown
+from fl3d.core.errors import StoreDown, StoreError
 
 PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
+UNWRITABLE = ("database or disk is full", "attempt to write a readonly database")  # SQLite's
 CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
 PASSING = (
     "TEMPORARILY_UNAVAILABLE",
@@ -60,16 +63,19 @@ class GuardedClient:
 
 @contextlib.contextmanager
 def outages() -> Iterator[None]:
-    """Raise ``StoreDown`` for what will pass; everything else as it is.
+    """Raise ``StoreDown`` for what will pass, ``StoreError`` for a file that takes no more; everything else as it is.
 
     Raises:
         StoreDown: the store cannot be reached now.
+        StoreError: SQLite's disk is full, or read-only.
     """
     try:
         yield
     except (*CONNECTION_ERRORS, requests.RequestException) as error:
+        _refuse_unwritable(error)
         raise StoreDown(str(error).splitlines()[0]) from error
     except MlflowException as error:
+        _refuse_unwritable(error)
         unreachable = (
             str(error).startswith("API request to ") and error.error_code == "INTERNAL_ERROR"
         )
@@ -80,3 +86,31 @@ def outages() -> Iterator[None]:
         ):
             raise StoreDown(str(error).splitlines()[0]) from error
         raise
+
+
+def _refuse_unwritable(error: Exception) -> None:
+    """Raise for what waiting does not mend.
+
+    Raises:
+        StoreError: saying what does.
+    """
+    for words in UNWRITABLE:
+        if words in str(error):
+            raise StoreError(
+                f"MLflow's database cannot be written ({words}); what is there is kept: mend that, and the same "
+                "command goes on from it"
+            ) from error
+
+
+def reading_url(uri: str) -> str:
+    """A URL to read a database by: in a folder that nobody may write to without the files that SQLite keeps beside it."""
+    if not uri.startswith("sqlite:///"):
+        return uri
+    file = Path(uri.removeprefix("sqlite:///")).absolute()
+    waiting = file.with_name(
+        f"{file.name}-wal"
+    )  # what was written last, where a process was killed
+    has_all = not waiting.exists() or waiting.stat().st_size == 0
+    if os.access(file.parent, os.W_OK) or not has_all:
+        return uri
+    return f"sqlite:///file:{quote(str(file))}?immutable=1&uri=true"

@@ -75,14 +75,21 @@ class MlflowStore(Store):
     @property
     def exists(self) -> bool:
         """Whether the default store has been made; a named one is taken to exist."""
-        return (
-            not self.uri.startswith("sqlite:") or Path(self.uri.removeprefix("sqlite:///")).exists()
-        )
+        return self.file is None or self.file.exists()
+
+    @property
+    def file(self) -> Path | None:
+        """The database, where it is a file."""
+        return Path(self.uri.removeprefix("sqlite:///")).absolute() if self._is_file else None
+
+    @property
+    def _is_file(self) -> bool:
+        return self.uri.startswith("sqlite:")
 
     @property
     def is_for_one_machine(self) -> bool:
         """SQLite's journal lies in one machine's memory: two that write to it over a shared folder destroy it."""
-        return self.uri.startswith("sqlite:")
+        return self._is_file
 
     @property
     def is_server(self) -> bool:
@@ -108,20 +115,13 @@ class MlflowStore(Store):
         """Let MLflow find the artifacts of a root that was moved; a server keeps its own."""
         if self.is_server:
             return
-        is_own = self._file is not None and self._file.parent == self.root
+        is_own = self.file is not None and self.file.parent == self.root
         engine = sa.create_engine(self.uri)
         try:
             with engine.connect() as connection:
                 mend_locations(connection, self.root, is_own)
         finally:
             engine.dispose()
-
-    @property
-    def _file(self) -> Path | None:
-        """The database, where it is a file."""
-        if not self.is_for_one_machine:
-            return None
-        return Path(self.uri.removeprefix("sqlite:///")).absolute()
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
@@ -130,10 +130,9 @@ class MlflowStore(Store):
             with sa.create_engine(self.uri).connect() as connection:
                 connection.execute(sa.text(f"SELECT pg_advisory_lock({SCHEMA_LOCK})"))
                 yield
-        elif self.uri.startswith("sqlite"):
-            path = Path(self.uri.removeprefix("sqlite:///"))
+        elif self.file is not None:
             with (
-                leased(path.with_name(f".{path.name}.lease")),
+                leased(self.file.with_name(f".{self.file.name}.lease")),
                 sa.create_engine(self.uri).connect() as connection,
             ):
                 connection.execute(sa.text("PRAGMA journal_mode=WAL"))
@@ -248,6 +247,20 @@ class MlflowStore(Store):
         self._log(run, scored, str(made.model_id), dataset)
         self.client.finalize_logged_model(made.model_id, "READY")
         return str(made.model_id)
+
+    def models(self, experiment: str) -> set[tuple[str, str]]:
+        found: set[tuple[str, str]] = set()
+        token = None
+        while True:
+            page = self.client.search_logged_models([experiment], page_token=token)
+            found |= {
+                (str(one.source_run_id), str(one.name))
+                for one in page
+                if str(one.status) == "READY"
+            }
+            token = page.token
+            if not token:
+                return found
 
     def log_files(self, run: str, files: Iterable[Path], folder: str) -> None:
         for file in files:

@@ -112,5 +112,6 @@ def _work(folder: Path, card: str | None) -> None:
         try:
             run_stage(folder)
         except Exception as error:
-            print(f"{type(error).__name__}: {error}", file=log, flush=True)
+            with contextlib.suppress(OSError):  # the disk is full
+                print(f"{type(error).__name__}: {error}", file=log, flush=True)
             sys.exit(1)
