@@ -10,7 +10,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fl3d.config.seeds import spell_out_seeds
-from fl3d.core.errors import ConfigError, Fl3dError, StageFailed, TrainingError, options
+from fl3d.core.errors import (
+    FULL,
+    ConfigError,
+    Fl3dError,
+    StageFailed,
+    TrainingError,
+    Unwritable,
+    options,
+)
 
 # One thread a process: two processes of one thread are faster than one of two. The libraries read
 # this when they are loaded, so it is set before any command is imported.
@@ -44,8 +52,7 @@ FAILED = 1  # of what failed while it ran
 FAILURES = (StageFailed, TrainingError)
 # What the system refuses of a place that the user chose: it is full, read-only, somebody else's, or none.
 REFUSALS = (
-    errno.ENOSPC,
-    errno.EDQUOT,
+    *FULL,
     errno.EROFS,
     errno.EACCES,
     errno.EPERM,
@@ -76,8 +83,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except OSError as error:
         if error.errno not in REFUSALS:
             raise
-        where = f"{error.filename}: " if error.filename else ""
-        raise ended(f"fl3d: {where}{error.strerror}", MISTAKE) from None
+        place = error.filename or "a file"
+        if error.errno in FULL:
+            said = str(Unwritable(error.errno, error.strerror, place))
+        else:
+            said = f"{place}: {error.strerror}"
+        raise ended(f"fl3d: {said}", MISTAKE) from None
 
 
 def _with_config_dir(typed: list[str]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import uuid
 from collections.abc import Callable
@@ -70,6 +71,8 @@ def check_writable(folder: Path, room: int = 1) -> None:
     place = folder.absolute()
     while not os.path.lexists(place):
         place = place.parent
+    if not place.is_dir():
+        raise Unwritable(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(place))
     probe = place / f".{uuid.uuid4().hex[:12]}.tmp"
     try:
         write_atomically(probe, lambda temporary: temporary.write_bytes(b"\0" * room))

@@ -103,7 +103,7 @@ def _refuse_unwritable(error: Exception) -> None:
 
 
 def reading_url(uri: str) -> str:
-    """A URL to read a database by: in a folder that nobody may write to without the files that SQLite keeps beside it."""
+    """A URL to read a database by; where nobody may write, it is without the files that SQLite keeps beside it."""
     if not uri.startswith("sqlite:///"):
         return uri
     file = Path(uri.removeprefix("sqlite:///")).absolute()

@@ -28,10 +28,11 @@ from mlflow import MlflowClient
 from mlflow.entities import Dataset, DatasetInput, InputTag, LoggedModel, Metric, Param, RunTag
 from mlflow.exceptions import MlflowException
 
-from fl3d.core.errors import StoreError
+from fl3d.core.errors import StoreError, Unwritable
+from fl3d.core.files import check_writable
 from fl3d.core.leases import leased
 from fl3d.store.base import RunStatus, Scored, Store
-from fl3d.store.mlflow.moved import artifact_location, mend_locations
+from fl3d.store.mlflow.moved import ARTIFACTS, artifact_location, mend_locations
 from fl3d.store.mlflow.reading import read_database, read_server
 from fl3d.store.mlflow.view import TAG as VIEW_TAG
 from fl3d.store.mlflow.view import link, tag_value
@@ -101,7 +102,10 @@ class MlflowStore(Store):
 
         Raises:
             StoreDown: it cannot be reached.
+            Unwritable: it is a file in a folder that cannot be written.
         """
+        if self.file is not None:
+            check_writable(self.file.parent)
         logging.getLogger("mlflow.store.db.utils").setLevel(
             logging.CRITICAL
         )  # tracebacks of what is raised anyway
@@ -242,8 +246,9 @@ class MlflowStore(Store):
         made: LoggedModel = self.client.create_logged_model(
             experiment, name=name, source_run_id=run, tags=dict(tags), model_type="detector"
         )
-        for file in files:
-            self.client.log_model_artifact(made.model_id, str(file))
+        with self._copying():
+            for file in files:
+                self.client.log_model_artifact(made.model_id, str(file))
         self._log(run, scored, str(made.model_id), dataset)
         self.client.finalize_logged_model(made.model_id, "READY")
         return str(made.model_id)
@@ -263,8 +268,24 @@ class MlflowStore(Store):
                 return found
 
     def log_files(self, run: str, files: Iterable[Path], folder: str) -> None:
-        for file in files:
-            self.client.log_artifact(run, str(file), folder)
+        with self._copying():
+            for file in files:
+                self.client.log_artifact(run, str(file), folder)
+
+    @contextlib.contextmanager
+    def _copying(self) -> Iterator[None]:
+        """Say where files could not be put, which the system's own error often does not.
+
+        Raises:
+            Unwritable: the disk is full, read-only or somebody else's.
+        """
+        try:
+            yield
+        except OSError as error:
+            if error.errno is None:
+                raise
+            place = error.filename or self.root / ARTIFACTS
+            raise Unwritable(error.errno, error.strerror, str(place)) from error
 
     def set_tags(self, run: str, tags: Mapping[str, str]) -> None:
         every = [RunTag(key, value) for key, value in _renamed(tags).items()]

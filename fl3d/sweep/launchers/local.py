@@ -104,14 +104,16 @@ def _work(folder: Path, card: str | None) -> None:
     signal.signal(
         signal.SIGINT, signal.SIG_IGN
     )  # Ctrl-C is for the parent, which then ends its stages
+    code = 1
     with (
+        contextlib.suppress(OSError),  # of the log itself, when the disk is full
         (folder / "log.txt").open("a") as log,
         contextlib.redirect_stdout(log),
         contextlib.redirect_stderr(log),
     ):
         try:
             run_stage(folder)
+            code = 0
         except Exception as error:
-            with contextlib.suppress(OSError):  # the disk is full
-                print(f"{type(error).__name__}: {error}", file=log, flush=True)
-            sys.exit(1)
+            print(f"{type(error).__name__}: {error}", file=log, flush=True)
+    sys.exit(code)
