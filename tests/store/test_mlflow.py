@@ -1,15 +1,17 @@
 """What a store in MLflow keeps to beside the contract: files, limits and half-made runs."""
 
 import json
+import os
 import shutil
 import sqlite3
 from pathlib import Path
+from urllib.parse import quote
 
 import pytest
 
 from fl3d.core.errors import StoreDown, StoreError
 from fl3d.store.base import RunStatus, Scored
-from fl3d.store.mlflow.connection import GuardedClient, database_url
+from fl3d.store.mlflow.connection import GuardedClient, database_url, reading_url
 from fl3d.store.mlflow.tracking import MlflowStore
 from fl3d.store.opening import open_store
 
@@ -273,3 +275,34 @@ def test_a_shared_database_follows_only_artifacts_that_went_along(tmp_path: Path
     moved = MlflowStore(tmp_path / "moved", uri)
     moved.open()
     assert location_of(moved, number) == (tmp_path / "moved" / "artifacts" / "gamma").as_uri()
+
+
+def test_a_deleted_model_is_none_that_the_store_holds(store: MlflowStore, tmp_path: Path) -> None:
+    experiment, run = run_of(store, "deleted models")
+    scored = Scored(100, 1_000, APS)
+    made = [
+        store.log_model(experiment, run, name, [], {}, scored, ("simulated", "abc"))
+        for name in ("best", "last")
+    ]
+    store.client.delete_logged_model(made[0])
+    assert store.models(experiment) == {(run, "last")}
+    again = store.log_model(experiment, run, "best", [], {}, scored, ("simulated", "abc"))
+    assert again != made[0]
+    assert store.models(experiment) == {(run, "best"), (run, "last")}
+
+
+def test_a_store_is_read_where_nobody_may_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the files that SQLite makes beside it; what still waits in one of them is not left out."""
+    root = tmp_path / "read ? only"
+    root.mkdir()
+    store = MlflowStore(root)
+    assert store.file is not None
+    uri = store.uri
+    store.file.touch()
+    monkeypatch.setattr(os, "access", lambda path, mode: path != root)
+    assert reading_url(uri) == f"sqlite:///file:{quote(str(store.file))}?immutable=1&uri=true"
+    (root / "mlflow.db-wal").write_bytes(b"waiting")
+    assert reading_url(uri) == uri
+    assert reading_url("postgresql://h/db") == "postgresql://h/db"

@@ -272,6 +272,19 @@ class MlflowStore(Store):
             for file in files:
                 self.client.log_artifact(run, str(file), folder)
 
+    def _check_readable(self) -> None:
+        """Refuse a file that this user may not read, by its name.
+
+        Raises:
+            StoreError: it cannot be read.
+        """
+        if self.file is None:
+            return
+        try:
+            self.file.open("rb").close()
+        except OSError as error:
+            raise StoreError(f"{self.file}: cannot be read ({error.strerror})") from None
+
     @contextlib.contextmanager
     def _copying(self) -> Iterator[None]:
         """Say where files could not be put, which the system's own error often does not.
@@ -301,6 +314,7 @@ class MlflowStore(Store):
     def read(self, experiment_name: str) -> pd.DataFrame:
         if not self.exists:
             return pd.DataFrame()
+        self._check_readable()
         tag = (STORE_TAG, self.id)
         columns = [column for column in COLUMNS if column.startswith("tags.")]
         with outages():
