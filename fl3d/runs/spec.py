@@ -64,7 +64,7 @@ class Spec:
 
     stage: Stage
     machine: Machine
-    beside: Path | None = None
+    beside: Path | None = field(default=None, compare=False)
 
     @cached_property
     def settings(self) -> StageSettings:

@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from fl3d.config.settings import read_settings
-from fl3d.core.errors import ConfigError, StageFailed, StoreError, Unwritable
+from fl3d.core.errors import ConfigError, StageFailed, StoreError
 from fl3d.runs.layout import StoreFolder
 from fl3d.store.mlflow.connection import outages
-from fl3d.store.mlflow.tracking import MlflowStore
 from fl3d.sweep.places import check_places
 from tests.support import run_small, small_config, small_sweep
 
@@ -130,18 +129,3 @@ def test_a_database_that_takes_no_more_is_not_waited_for(words: str) -> None:
     with pytest.raises(StoreError, match=rf"cannot be written \({words}\)") as found, outages():
         raise error
     assert type(found.value) is StoreError  # no outage, which the recorder would wait for
-
-
-def test_artifacts_that_cannot_be_copied_name_their_place(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    store = MlflowStore(tmp_path)
-    store.open()
-    run = store.run(store.experiment("full", ""), "trial-a", "paper-1", "a", {}, {})
-
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(store.client, "log_artifact", full, raising=False)
-    with pytest.raises(Unwritable, match=rf"^{tmp_path}/artifacts: cannot be written \(No space"):
-        store.log_files(run, [tmp_path / "a"], "")
