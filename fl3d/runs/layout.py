@@ -149,3 +149,7 @@ class StoreFolder:
     def study(self, name: str) -> Path:
         """The journal of an Optuna study."""
         return self.root / "studies" / f"{name}.log"
+
+    def study_lease(self, name: str) -> Path:
+        """Held by the process that opens an Optuna study."""
+        return self.root / "studies" / f"{name}.lease"

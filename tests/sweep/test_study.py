@@ -4,6 +4,7 @@ No network is trained.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +31,15 @@ RANDOM = {"_target_": "optuna.samplers.RandomSampler", "seed": 0}
 GAMMA = {"loss.gamma": "interval(0,5)"}
 
 
-def base(root: Path, *overrides: str) -> Config:
+@lru_cache
+def composed(*overrides: str) -> Config:
     names = ["sweep.name=search", "data.name=made-up", "profile=tiny"]
-    return compose_config([*names, f"store.root={root}", *overrides])
+    return compose_config([*names, *overrides])
+
+
+def base(root: Path, *overrides: str) -> Config:
+    config = composed(*overrides)
+    return {**config, "store": {**config["store"], "root": str(root)}}
 
 
 def make(root: Path, params: dict[str, object] = GAMMA, **settings: Any) -> Study:
