@@ -3,8 +3,12 @@
 No network is trained.
 """
 
+import json
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,105 +16,33 @@ import optuna
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
-from fl3d.config.compose import compose_config
 from fl3d.core.errors import ConfigError, StoreError
-from fl3d.core.records import Config, Trial
+from fl3d.core.leases import leased
+from fl3d.runs.layout import StoreFolder
 from fl3d.sweep.sweepers.base import Point, Standing, TrialState
 from fl3d.sweep.sweepers.space import parse_space
-from fl3d.sweep.sweepers.study import Study, study
+from fl3d.sweep.sweepers.study import ROOT, SWEEP, Study, study
+from fl3d.sweep.sweepers.study_report import KEY
 from fl3d.sweep.sweepers.study_storage import open_storage
+from tests.sweep.studies import (
+    AP,
+    EASY,
+    GAMMA,
+    NAME,
+    RANDOM,
+    World,
+    base,
+    key,
+    make,
+    states,
+    trial_of,
+)
 
-AP = "ap_3d_r40/moderate"
-EASY = "ap_3d_r40/easy"
 ASHA = {
     "_target_": "optuna.pruners.SuccessiveHalvingPruner",
     "min_resource": 1,
     "reduction_factor": 2,
 }
-RANDOM = {"_target_": "optuna.samplers.RandomSampler", "seed": 0}
-GAMMA = {"loss.gamma": "interval(0,5)"}
-
-
-@lru_cache
-def composed(*overrides: str) -> Config:
-    names = ["sweep.name=search", "data.name=made-up", "profile=tiny"]
-    return compose_config([*names, *overrides])
-
-
-def base(root: Path, *overrides: str) -> Config:
-    config = composed(*overrides)
-    return {**config, "store": {**config["store"], "root": str(root)}}
-
-
-def make(root: Path, params: dict[str, object] = GAMMA, **settings: Any) -> Study:
-    """A study whose trials are keyed by their overrides."""
-
-    def compose(overrides: Sequence[str]) -> Config:
-        return {"overrides": list(overrides)}
-
-    settings = {"sampler": RANDOM, **settings}
-    study = Study(base(root), parse_space(params, []), compose, **settings)
-    study.open(key)
-    return study
-
-
-def key(point: Point) -> str:
-    return " ".join(point.overrides)
-
-
-def trial_of(point: Point) -> Trial:
-    return Trial(
-        key=key(point),
-        overrides=point.overrides,
-        values=point.values,
-        config=point.config,
-        stages=(key(point),),
-        first_own_step=0,
-        detector="VoxelNet",
-        group="VoxelNet",
-        level=key(point),
-        seed=0,
-    )
-
-
-class World:
-    """Trials that learn as told: ``worth`` gives the AP of a point at an epoch."""
-
-    def __init__(self, study: Study, slots: int, epochs: int = 4) -> None:
-        self.study = study
-        self.slots = slots
-        self.epochs = epochs
-        self.standings: dict[str, Standing] = {}
-        self.trained: list[str] = []
-
-    def worth(self, point: str, epoch: int) -> dict[str, float]:
-        gamma = float(point.partition("=")[2])
-        return {AP: 50 - gamma + epoch, EASY: 50 + gamma + epoch}
-
-    def tick(self) -> None:
-        for name, one in list(self.standings.items()):
-            if one.state is TrialState.RUNNING:
-                self.trained.append(name)
-                epoch = len(one.curve) + 1
-                curve = {**one.curve, epoch: self.worth(name, epoch)}
-                state = TrialState.DONE if epoch == self.epochs else TrialState.RUNNING
-                self.standings[name] = Standing(one.trial, state, curve, self.epochs)
-        advice = self.study.advise(self.standings, self.slots)
-        for point in advice.points:
-            trial = trial_of(point)
-            self.standings[trial.key] = Standing(trial, TrialState.RUNNING, {}, self.epochs)
-        for name in advice.stop:
-            one = self.standings[name]
-            self.standings[name] = Standing(one.trial, TrialState.STOPPED, one.curve, self.epochs)
-
-    def run(self) -> None:
-        for _ in range(200):
-            self.tick()
-        assert all(one.state is not TrialState.RUNNING for one in self.standings.values())
-
-
-def states(study: Study) -> list[str]:
-    return [trial.state.name for trial in study.study.get_trials()]
 
 
 @pytest.mark.parametrize(

@@ -364,7 +364,7 @@ class Study(Sweeper):
             return None
         try:
             self._suggest(trial)
-            point = self._point(trial.params)
+            point = self._point(self._all()[trial.number].params)  # as kept: 0 of floats is 0.0
             key = self._identify(point)
             trial.set_user_attr(KEY, key)
         except BaseException:
