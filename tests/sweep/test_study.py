@@ -3,32 +3,21 @@
 No network is trained.
 """
 
-import json
-import os
-import signal
-import subprocess
-import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import optuna
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
 from fl3d.core.errors import ConfigError, StoreError
-from fl3d.core.leases import leased
-from fl3d.runs.layout import StoreFolder
-from fl3d.sweep.sweepers.base import Point, Standing, TrialState
+from fl3d.sweep.sweepers.base import Standing, TrialState
 from fl3d.sweep.sweepers.space import parse_space
-from fl3d.sweep.sweepers.study import ROOT, SWEEP, Study, study
-from fl3d.sweep.sweepers.study_report import KEY
+from fl3d.sweep.sweepers.study import Study, study
 from fl3d.sweep.sweepers.study_storage import open_storage
 from tests.sweep.studies import (
     AP,
     EASY,
     GAMMA,
-    NAME,
     RANDOM,
     World,
     base,

@@ -208,7 +208,7 @@ class Samplers:
                 )
 
 
-def make_pruner(section: Config | None) -> BasePruner:
+def make_pruner(section: Mapping[str, Any] | None) -> BasePruner:
     """The pruner that a section names; None: none prunes.
 
     Raises:
@@ -217,7 +217,7 @@ def make_pruner(section: Config | None) -> BasePruner:
     if not section:
         return NopPruner()
     _kind(section, BasePruner, PRUNER)
-    pruner: BasePruner = _made(section, PRUNER)
+    pruner: BasePruner = _made(dict(section), PRUNER)
     return pruner
 
 
@@ -249,7 +249,7 @@ def _check_seed(seed: Any) -> None:
         raise ConfigError(f"{SAMPLER}.seed: {seed} is not a whole number of at least 0, nor null")
 
 
-def _with_seed(section: Config, change: Any) -> Config:
+def _with_seed(section: Mapping[str, Any], change: Any) -> Config:
     """A section whose seeds, also of the samplers within, are changed."""
     own = {
         key: _with_seed(v, change) if isinstance(v, Mapping) else v for key, v in section.items()

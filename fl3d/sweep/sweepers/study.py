@@ -21,7 +21,7 @@ from optuna.trial import FrozenTrial, create_trial
 from optuna.trial import TrialState as OptunaState
 
 from fl3d.config.settings import read_settings
-from fl3d.core.errors import ConfigError, options
+from fl3d.core.errors import ConfigError, Fl3dError, options
 from fl3d.core.leases import holder_of
 from fl3d.core.records import Config
 from fl3d.runs.layout import StoreFolder
@@ -83,7 +83,7 @@ class Study(Sweeper):
         self.name = self.asked.study_name or self.settings.experiment
         self._directions = [optuna.study.StudyDirection.MAXIMIZE] * len(self.objectives)
         default = {"_target_": "optuna.samplers.TPESampler", "seed": base["seed"]}
-        self.samplers = Samplers(self.asked.sampler or default, space.axes)
+        self.samplers = Samplers(dict(self.asked.sampler or default), space.axes)
         self.samplers.rehearse(self._directions, make_pruner(self.asked.pruner))
         self._trials: dict[int, str] = {}  # of this start: the study's number, and our key
         self._heard: dict[int, set[int]] = {}
@@ -92,6 +92,7 @@ class Study(Sweeper):
         self._pruned: list[str] = []
         self._left: list[FrozenTrial] = []  # that died before they had their points
         self._notes: list[str] = []
+        self._say: Callable[[str], None] = self._notes.append  # until the sweep can print
         self._is_stopped = False  # by its sampler
         self._failed = 0
         self._done = 0
@@ -126,9 +127,6 @@ class Study(Sweeper):
             evidence.say(note)
         self._notes.clear()
 
-    def _say(self, text: str) -> None:
-        self._notes.append(text)
-
     def _try_examples(self) -> None:
         """Refuse now what would be refused when it is proposed, with trials in training beside it."""
         for params in self.space.examples():
@@ -140,8 +138,9 @@ class Study(Sweeper):
     def _whole_numbers(self, error: str) -> str:
         """How to propose whole numbers, where an error is about an axis of any."""
         for key, axis in self.space.axes.items():
-            is_any = isinstance(axis, FloatDistribution) and axis.step is None
-            if is_any and error.startswith(f"{key.lstrip('+')}:"):
+            if not isinstance(axis, FloatDistribution) or axis.step is not None:
+                continue
+            if error.startswith(f"{key.lstrip('+')}:"):
                 whole = IntDistribution(math.ceil(axis.low), math.floor(axis.high), log=axis.log)
                 return (
                     f"; {key}={in_hydras_grammar(axis)} proposes any number: "
@@ -300,7 +299,7 @@ class Study(Sweeper):
         Raises:
             ConfigError: naming what differs.
         """
-        attributes = {
+        attributes: dict[str, object] = {
             "objectives": self.objectives,
             "rule": self.asked.rule,
             "protocol": self.settings.protocol.id,
@@ -367,6 +366,8 @@ class Study(Sweeper):
             point = self._point(self._all()[trial.number].params)  # as kept: 0 of floats is 0.0
             key = self._identify(point)
             trial.set_user_attr(KEY, key)
+        except UpdateFinishedTrialError:  # somebody else has told it just now
+            return None
         except BaseException:
             self._withdraw(trial)
             raise
@@ -425,6 +426,8 @@ class Study(Sweeper):
         try:
             for key, axis in self.space.axes.items():
                 _suggest(trial, key, axis)
+        except (UpdateFinishedTrialError, Fl3dError):
+            raise
         except Exception as error:
             raise ConfigError(
                 f"{SAMPLER}: {self.samplers.inner.__name__} cannot go on with the study '{self.name}': {error}; give "
