@@ -166,8 +166,8 @@ def test_two_that_ask_at_one_moment_do_not_ask_too_many(
     """Both have seen that one more is wanted."""
     with leased(StoreFolder(tmp_path).lease(NAME)):
         first, second = make(tmp_path, n_trials=1), other(tmp_path, n_trials=1)
-        may = second._may_ask
-        monkeypatch.setattr(second, "_may_ask", lambda answers=iter([True]): next(answers, may()))
+        may, answers = second._may_ask, iter([True])
+        monkeypatch.setattr(second, "_may_ask", lambda: next(answers, may()))
         assert len(first.advise({}, 1).points) == 1
         assert list(second.advise({}, 1).points) == []
     assert states(first) == ["RUNNING", "FAIL"]
@@ -180,7 +180,7 @@ def test_a_trial_that_somebody_else_told_keeps_that(tmp_path: Path) -> None:
     optunas(tmp_path).tell(0, 12.0)
     for _ in range(20):
         world.tick()
-    assert [trial.values for trial in study.study.get_trials()][0] == [12.0]
+    assert study.study.get_trials()[0].values == [12.0]
     assert states(study) == ["COMPLETE"] * 2
 
 

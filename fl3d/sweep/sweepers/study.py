@@ -40,7 +40,7 @@ from fl3d.sweep.sweepers.samplers import BRUTE, SAMPLER, Samplers, make_pruner
 from fl3d.sweep.sweepers.space import Space, change_of, in_hydras_grammar, is_in, parse_space
 from fl3d.sweep.sweepers.study_report import KEY, report_study
 from fl3d.sweep.sweepers.study_settings import StudySettings
-from fl3d.sweep.sweepers.study_storage import alone, experimental, open_storage
+from fl3d.sweep.sweepers.study_storage import alone, experimental, open_storage, reached
 
 # Attributes of a trial in the study, beside ``KEY``. The first two it has before anything else of it is written.
 ROOT = "fl3d.store"  # where it is trained
@@ -113,7 +113,7 @@ class Study(Sweeper):
         store = self.settings.store
         self._root = open_store(store.root, store.uri).id
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        with alone(store.root, self.name):
+        with reached(self.name), alone(store.root, self.name):
             self.study = self._open()
             self._take_up_all()
             if not self._all():
@@ -316,7 +316,15 @@ class Study(Sweeper):
                 study.set_user_attr(key, value)
 
     def advise(self, standings: Mapping[str, Standing], slots: int) -> Advice:
-        """Tell what has ended, prune, and ask for as many trials as there are free slots."""
+        """Tell what has ended, prune, and ask for as many trials as there are free slots.
+
+        Raises:
+            StoreError: the study cannot be read or written now.
+        """
+        with reached(self.name):
+            return self._advise(standings, slots)
+
+    def _advise(self, standings: Mapping[str, Standing], slots: int) -> Advice:
         stop = self._pruned
         points = self._earlier
         self._pruned = []

@@ -91,6 +91,23 @@ def alone(root: Path, name: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def reached(name: str) -> Iterator[None]:
+    """Say in a sentence what keeps an open study from being read or written.
+
+    Raises:
+        StoreError: its database has gone or refuses, or its journal has vanished.
+    """
+    try:
+        yield
+    except (optuna.exceptions.StorageInternalError, sa.exc.SQLAlchemyError, OSError) as error:
+        cause = error.__cause__ or error
+        raise StoreError(
+            f"the study '{name}' is kept where it cannot be reached now: {_first_line(cause)}. What is trained stays; "
+            "the same command goes on"
+        ) from error
+
+
+@contextlib.contextmanager
 def experimental() -> Iterator[None]:
     """Without Optuna's warnings that a class may change: its version is pinned."""
     with warnings.catch_warnings():
