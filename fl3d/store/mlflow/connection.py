@@ -13,12 +13,14 @@ os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "10")
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 os.environ.setdefault("DO_NOT_TRACK", "true")
 
+import pandas as pd
 import requests
 import sqlalchemy as sa
 from mlflow import MlflowClient
 from mlflow.exceptions import MlflowException
 
 from fl3d.core.errors import StoreDown
+from fl3d.store.mlflow.condition import damage, shown
 
 PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
 CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
@@ -42,9 +44,11 @@ class GuardedClient:
     def __init__(self, make: Callable[[str], MlflowClient]) -> None:
         self._make = make
         self._client: Any = None
+        self._uri = ""
 
     def connect(self, uri: str) -> None:
         """Make the client, and with it the store's tables."""
+        self._uri = uri
         self._client = self._make(uri)
         self._client.search_experiments(max_results=1)
 
@@ -52,23 +56,28 @@ class GuardedClient:
         method = getattr(self._client, name)
 
         def call(*arguments: Any, **named: Any) -> Any:
-            with outages():
+            with outages(self._uri):
                 return method(*arguments, **named)
 
         return call
 
 
 @contextlib.contextmanager
-def outages() -> Iterator[None]:
-    """Raise ``StoreDown`` for what will pass; everything else as it is.
+def outages(uri: str = "") -> Iterator[None]:
+    """Raise ``StoreDown`` for what will pass, ``StoreError`` for a damaged database, and everything else as it is.
+
+    Args:
+        uri: of the store, for messages.
 
     Raises:
         StoreDown: the store cannot be reached now.
+        StoreError: it will not get well by itself.
     """
     try:
-        yield
+        with _damages(uri):
+            yield
     except (*CONNECTION_ERRORS, requests.RequestException) as error:
-        raise StoreDown(str(error).splitlines()[0]) from error
+        raise StoreDown(_located(error, uri)) from error
     except MlflowException as error:
         unreachable = (
             str(error).startswith("API request to ") and error.error_code == "INTERNAL_ERROR"
@@ -78,5 +87,21 @@ def outages() -> Iterator[None]:
             or unreachable
             or isinstance(error.__cause__, CONNECTION_ERRORS)
         ):
-            raise StoreDown(str(error).splitlines()[0]) from error
+            raise StoreDown(_located(error, uri)) from error
         raise
+
+
+@contextlib.contextmanager
+def _damages(uri: str) -> Iterator[None]:
+    try:
+        yield
+    except (sa.exc.SQLAlchemyError, pd.errors.DatabaseError, MlflowException) as error:
+        found = damage(error, uri)
+        if found is None:
+            raise
+        raise found from error
+
+
+def _located(error: Exception, uri: str) -> str:
+    first = str(error).splitlines()[0]
+    return f"{shown(uri)}: {first}" if uri else first

@@ -160,11 +160,8 @@ def in_hydras_grammar(axis: BaseDistribution) -> str:
     is_int = isinstance(axis, IntDistribution)
     if axis.step is not None and not (is_int and axis.step == 1):
         return f"range({axis.low},{_plus(axis.high, axis.step)},{axis.step})"
-    text = (
-        f"interval({axis.low:g},{axis.high:g})"
-        if not is_int
-        else f"interval({axis.low},{axis.high})"
-    )
+    low, high = (int(end) if float(end).is_integer() else end for end in (axis.low, axis.high))
+    text = f"interval({low},{high})"
     if axis.log:
         text = f"tag(log,{text})"
     return f"int({text})" if is_int else text

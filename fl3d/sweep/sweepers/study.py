@@ -80,7 +80,8 @@ class Study(Sweeper):
         self.compose = compose
         self.n_trials = self.asked.n_trials
         self.objectives = list(self.asked.objectives)
-        self.name = self.asked.study_name or self.settings.experiment
+        named = self.asked.study_name
+        self.name = self.settings.experiment if named is None else str(named)
         self._directions = [optuna.study.StudyDirection.MAXIMIZE] * len(self.objectives)
         default = {"_target_": "optuna.samplers.TPESampler", "seed": base["seed"]}
         self.samplers = Samplers(dict(self.asked.sampler or default), space.axes)

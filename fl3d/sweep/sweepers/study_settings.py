@@ -41,7 +41,7 @@ class StudySettings:
     sampler: Mapping[str, Any] | None = None
     pruner: Mapping[str, Any] | None = None
     storage: str | None = None
-    study_name: str | None = None
+    study_name: str | int | None = None
     enqueue: Sequence[Mapping[str, Any]] = ()
 
     def __post_init__(self) -> None:
@@ -78,13 +78,16 @@ class StudySettings:
             )
 
     def _check_places(self) -> None:
-        if self.storage is not None and not (isinstance(self.storage, str) and self.storage):
+        if self.storage is not None and not (
+            isinstance(self.storage, str) and "://" in self.storage
+        ):
             raise ConfigError(
                 f"{WHERE}.storage: {_shown(self.storage)} is no URL of a database, such as "
                 "postgresql://USER@HOST/OPTUNA or sqlite:///FILE; null: a journal file below store.root"
             )
         name = self.study_name
-        if name is not None and not (isinstance(name, str) and NAME.fullmatch(name)):
+        is_named = isinstance(name, str | int) and not isinstance(name, bool)
+        if name is not None and not (is_named and NAME.fullmatch(str(name))):
             raise ConfigError(
                 f"{WHERE}.study_name: {_shown(name)} cannot name a file: give a text of 1 to 200 characters without "
                 "/ and line breaks that does not begin with a dot"
@@ -134,4 +137,4 @@ def _is_list(value: object) -> bool:
 
 def _shown(value: object) -> str:
     """As it is typed."""
-    return "null" if value is None else str(value)
+    return "null" if value is None else str(value) or "''"
