@@ -211,6 +211,10 @@ class StoreFolder:
         """The journal of an Optuna study."""
         return self.root / "studies" / f"{name}.log"
 
+    def study_lease(self, name: str) -> Path:
+        """Held by the process that opens an Optuna study."""
+        return self.root / "studies" / f"{name}.lease"
+
 
 def files_below(folder: Path, without: Collection[Path] = ()) -> list[Path]:
     """All files below a folder, those behind links among them, in alphabetical order; none where it is not there.

@@ -195,7 +195,7 @@ def test_an_outage_is_told_from_an_error() -> None:
 
     client = GuardedClient(lambda uri: Client())  # type: ignore[arg-type,return-value]
     client.connect("http://host")
-    with pytest.raises(StoreDown, match=r"^nobody is there$"):
+    with pytest.raises(StoreDown, match=r"^http://host: nobody is there$"):
         client.ask()
     with pytest.raises(ConnectionRefusedError):
         client.answer()

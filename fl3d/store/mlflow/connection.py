@@ -15,12 +15,14 @@ os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "10")
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 os.environ.setdefault("DO_NOT_TRACK", "true")
 
+import pandas as pd
 import requests
 import sqlalchemy as sa
 from mlflow import MlflowClient
 from mlflow.exceptions import MlflowException
 
 from fl3d.core.errors import StoreDown, StoreError
+from fl3d.store.mlflow.condition import damage, shown
 
 PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
 UNWRITABLE = ("database or disk is full", "attempt to write a readonly database")  # SQLite's
@@ -45,9 +47,11 @@ class GuardedClient:
     def __init__(self, make: Callable[[str], MlflowClient]) -> None:
         self._make = make
         self._client: Any = None
+        self._uri = ""
 
     def connect(self, uri: str) -> None:
         """Make the client, and with it the store's tables."""
+        self._uri = uri
         self._client = self._make(uri)
         self._client.search_experiments(max_results=1)
 
@@ -55,25 +59,29 @@ class GuardedClient:
         method = getattr(self._client, name)
 
         def call(*arguments: Any, **named: Any) -> Any:
-            with outages():
+            with outages(self._uri):
                 return method(*arguments, **named)
 
         return call
 
 
 @contextlib.contextmanager
-def outages() -> Iterator[None]:
-    """Raise ``StoreDown`` for what will pass, ``StoreError`` for a file that takes no more; everything else as it is.
+def outages(uri: str = "") -> Iterator[None]:
+    """Raise ``StoreDown`` for what will pass, ``StoreError`` for what will not, and everything else as it is.
+
+    Args:
+        uri: of the store, for messages.
 
     Raises:
         StoreDown: the store cannot be reached now.
-        StoreError: SQLite's disk is full, or read-only.
+        StoreError: its database is damaged, or its disk is full or read-only.
     """
     try:
-        yield
+        with _damages(uri):
+            yield
     except (*CONNECTION_ERRORS, requests.RequestException) as error:
         _refuse_unwritable(error)
-        raise StoreDown(str(error).splitlines()[0]) from error
+        raise StoreDown(_located(error, uri)) from error
     except MlflowException as error:
         _refuse_unwritable(error)
         unreachable = (
@@ -84,7 +92,7 @@ def outages() -> Iterator[None]:
             or unreachable
             or isinstance(error.__cause__, CONNECTION_ERRORS)
         ):
-            raise StoreDown(str(error).splitlines()[0]) from error
+            raise StoreDown(_located(error, uri)) from error
         raise
 
 
@@ -114,3 +122,19 @@ def reading_url(uri: str) -> str:
     if os.access(file.parent, os.W_OK) or not has_all:
         return uri
     return f"sqlite:///file:{quote(str(file))}?immutable=1&uri=true"
+
+
+@contextlib.contextmanager
+def _damages(uri: str) -> Iterator[None]:
+    try:
+        yield
+    except (sa.exc.SQLAlchemyError, pd.errors.DatabaseError, MlflowException) as error:
+        found = damage(error, uri)
+        if found is None:
+            raise
+        raise found from error
+
+
+def _located(error: Exception, uri: str) -> str:
+    first = str(error).splitlines()[0]
+    return f"{shown(uri)}: {first}" if uri else first

@@ -24,6 +24,7 @@ from fl3d.store.mlflow.connection import (  # before MLflow: it sets its environ
 import mlflow
 import pandas as pd
 import sqlalchemy as sa
+from alembic.util.exc import CommandError
 from mlflow import MlflowClient
 from mlflow.entities import Dataset, DatasetInput, InputTag, LoggedModel, Metric, Param, RunTag
 from mlflow.exceptions import MlflowException
@@ -32,6 +33,7 @@ from fl3d.core.errors import StoreError, Unwritable
 from fl3d.core.files import check_writable
 from fl3d.core.leases import leased
 from fl3d.store.base import RunStatus, Scored, Store
+from fl3d.store.mlflow.condition import check_owner, other_version
 from fl3d.store.mlflow.moved import ARTIFACTS, artifact_location, mend_locations
 from fl3d.store.mlflow.reading import read_database, read_server
 from fl3d.store.mlflow.view import TAG as VIEW_TAG
@@ -103,6 +105,7 @@ class MlflowStore(Store):
         Raises:
             StoreDown: it cannot be reached.
             Unwritable: it is a file in a folder that cannot be written.
+            StoreError: it is damaged, another program's, or of another version of MLflow.
         """
         if self.file is not None:
             check_writable(self.file.parent)
@@ -111,8 +114,14 @@ class MlflowStore(Store):
         )  # tracebacks of what is raised anyway
         mlflow.set_tracking_uri(self.uri)
         self.client: Any = GuardedClient(MlflowClient)
-        with outages(), self._alone():
-            self.client.connect(self.uri)
+        with outages(self.uri), self._alone() as connection:
+            try:
+                self.client.connect(self.uri)
+            except (MlflowException, CommandError) as error:
+                is_version = isinstance(error, CommandError) or "database schema" in str(error)
+                if connection is None or not is_version:
+                    raise
+                raise other_version(connection, self.uri) from error
             self._mend()
 
     def _mend(self) -> None:
@@ -128,21 +137,28 @@ class MlflowStore(Store):
             engine.dispose()
 
     @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
-        """One process at a time: several that make MLflow's tables together destroy a SQLite store."""
+    def _alone(self) -> Iterator[sa.Connection | None]:
+        """One process at a time: several that make MLflow's tables together destroy a SQLite store.
+
+        Yields:
+            a connection to its database; None of a server.
+        """
         if self.uri.startswith("postgresql"):
             with sa.create_engine(self.uri).connect() as connection:
                 connection.execute(sa.text(f"SELECT pg_advisory_lock({SCHEMA_LOCK})"))
-                yield
+                check_owner(connection, self.uri)
+                yield connection
         elif self.file is not None:
             with (
                 leased(self.file.with_name(f".{self.file.name}.lease")),
                 sa.create_engine(self.uri).connect() as connection,
             ):
+                check_owner(connection, self.uri)
+                connection.commit()  # a reader's lock would keep the mode from changing
                 connection.execute(sa.text("PRAGMA journal_mode=WAL"))
-                yield
+                yield connection
         else:
-            yield
+            yield None
 
     def experiment(self, name: str, note: str) -> str:
         found = self.client.get_experiment_by_name(name)
@@ -317,7 +333,7 @@ class MlflowStore(Store):
         self._check_readable()
         tag = (STORE_TAG, self.id)
         columns = [column for column in COLUMNS if column.startswith("tags.")]
-        with outages():
+        with outages(self.uri):
             if not self.is_server:
                 found = read_database(self.uri, experiment_name, tag, columns)
             else:

@@ -24,7 +24,7 @@ from fl3d.sweep.sweepers.base import (
     Work,
 )
 from fl3d.sweep.sweepers.grid import expand, point_of
-from fl3d.sweep.sweepers.rounds import Rounds
+from fl3d.sweep.sweepers.rounds import Rounds, rounds_of
 
 HOUR = 3600.0
 At = Callable[[Sequence[str], int], Point]
@@ -226,7 +226,7 @@ def until_decided(
     Raises:
         ConfigError: seeds are swept, a value that cannot be listed, or counts that do not go together.
     """
-    rounds = Rounds(**settings)  # type: ignore[arg-type]
+    rounds = rounds_of(settings)
     fixed, grid = expand(params, arguments)
     if any(SEED in values_by_key(point) for point in grid):
         raise ConfigError(
