@@ -31,7 +31,8 @@ def check_overrides(overrides: Sequence[str]) -> None:
     keys: list[Override] = []
     for override in parsed:
         key = override.key_or_group
-        if key in known and (not key.startswith("hydra") or key in OWN_HYDRA):
+        sets_keys = isinstance(_first(override), Mapping)  # loss={gamma:2}
+        if key in known and not sets_keys and (not key.startswith("hydra") or key in OWN_HYDRA):
             _check_group(override)
             if not override.is_delete():
                 plus = "+" if override.is_add() else ""
@@ -49,14 +50,18 @@ def _check_group(override: Override) -> None:
         raise ConfigError(f"{override.input_line}: {_needed(group)}")
     if override.is_delete():
         return
-    if isinstance(override.value(), Mapping) and not override.package:
-        return  # keys of the section: loss={gamma:2}
     for option in _choices(override):
         _check_option(group, option)
 
 
 def _needed(group: str) -> str:
     return f"a trial needs one. {options('', options_of(group))}"
+
+
+def _first(override: Override) -> Any:
+    """A value that it sets, of a sweep the first."""
+    value: Any = override.value()
+    return value.list[0] if isinstance(value, ChoiceSweep) and value.list else value
 
 
 def _choices(override: Override) -> list[str]:

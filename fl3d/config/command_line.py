@@ -46,7 +46,7 @@ def read_line(arguments: Sequence[str]) -> Line:
         ConfigError: options that do not exist or do not go together, or a word that is no override.
     """
     parser = get_args_parser()
-    parser.error = _refuse  # type: ignore[method-assign,assignment]
+    parser.error = _refuse  # type: ignore[method-assign]
     given = parser.parse_intermixed_args(list(arguments))
     _check_options(given)
     if given.shell_completion:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Iterable
+import traceback
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from hydra.errors import HydraException
@@ -12,6 +14,13 @@ from hydra.utils import get_class, instantiate
 
 from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config
+from fl3d.core.typed import check_types
+
+# What a class raises for values that it cannot be made of.
+SLIPS = (
+    *(TypeError, ValueError, ArithmeticError, LookupError, RuntimeError),
+    *(AttributeError, AssertionError),
+)
 
 
 def build(section: Config, name: str, **arguments: Any) -> Any:
@@ -25,20 +34,48 @@ def build(section: Config, name: str, **arguments: Any) -> Any:
     Raises:
         ConfigError: the target does not exist or does not take these arguments.
     """
+    if not isinstance(section, Mapping) or "_target_" not in section:
+        raise ConfigError(f"{name}: {section}, but it is a section with a _target_")
     target = section["_target_"]
     own = {key: value for key, value in section.items() if not key.startswith("_")}
+    kind = locate(target, name)
     try:
-        inspect.signature(locate(target, name)).bind(**own, **arguments)
+        inspect.signature(kind).bind(**own, **arguments)
     except TypeError as error:
         raise ConfigError(f"{name}: {target}: {error}") from None
+    _check(kind, own, name)
     try:
         # Partial, for Hydra would turn arguments that are dataclasses into configs.
         return instantiate({**section, "_partial_": True}, _convert_="all")(**arguments)
     except HydraException as error:
         cause = error.__cause__
-        raise (
-            cause if isinstance(cause, ConfigError) else ConfigError(f"{name}: {error}")
-        ) from None
+        if isinstance(cause, ConfigError):
+            raise cause from None
+        why = _told(cause) if isinstance(cause, Exception) else error
+        raise ConfigError(f"{name}: {why}") from None
+    except SLIPS as error:
+        raise ConfigError(f"{name}: {target}: {_told(error)}") from None
+
+
+def _check(kind: Any, own: Config, name: str) -> None:
+    """Refuse arguments that are not of their types, also of the objects among them."""
+    plain = {key: value for key, value in own.items() if not _is_object(value)}
+    check_types(kind, plain, name)
+    for key, value in own.items():
+        if _is_object(value):
+            inner = {field: one for field, one in value.items() if not field.startswith("_")}
+            _check(locate(value["_target_"], f"{name}.{key}"), inner, f"{name}.{key}")
+
+
+def _is_object(value: Any) -> bool:
+    return isinstance(value, Mapping) and "_target_" in value
+
+
+def _told(error: Exception) -> str:
+    """An error of a class that could not be made, with the place where it was raised."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    text = str(error).strip().partition("\n")[0] or "no reason given"
+    return f"{type(error).__name__}: {text} ({Path(last.filename).name}:{last.lineno})"
 
 
 def locate(target: str, name: str) -> Any:

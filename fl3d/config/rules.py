@@ -10,8 +10,10 @@ from typing import Any
 LARGEST_SEED = 2**63 - 1  # torch and the store's tables keep it as a signed integer of 64 bits
 # Sections that a class is made of check themselves, see ``objects``; here their numbers must be finite alone.
 BY_CLASS = ("detector", "loss", "optimizer", "augment", "protocol")
-SECTIONS = ("data", "data.cloud", "detections", "detector", "profile", "protocol", "schedule")
-SECTIONS += ("schedule.epochs", "schedule.stages", "selection", "store", "sweep")
+SECTIONS = (
+    *("data", "data.cloud", "detections", "detector", "profile", "protocol", "selection", "store"),
+    *("sweep", "schedule", "schedule.epochs", "schedule.stages"),
+)
 OPTIONAL = ("data.cloud*", "data.image_size")  # came later than YAMLs that users may have
 
 

@@ -61,8 +61,7 @@ def _check(key: str, value: Any, read: set[str]) -> None:
         _check_finite(key, value)
         _check_protocol(key, name)
     elif not _is_read(name, read):
-        *parents, last = name.split(".")
-        raise ConfigError(f"{key}: no key that anything reads. {options(last, _beside(parents))}")
+        raise ConfigError(f"{key}: no key that anything reads. {_possible(name)}")
 
 
 def _rule(key: str) -> Rule | None:
@@ -73,16 +72,24 @@ def _rule(key: str) -> Rule | None:
     return next((RULES[one] for one in patterns if fnmatchcase(key, one)), None)
 
 
+def _possible(key: str) -> str:
+    """What might stand in place of the first part of a key that is none."""
+    parts = key.split(".")
+    for depth, part in enumerate(parts):
+        beside = _beside(parts[:depth])
+        if part not in beside and "*" not in beside:
+            return options(part, beside) if beside else f"'{parts[depth - 1]}' holds no keys."
+    return options(parts[-1], _beside(parts[:-1]) - {"*"})
+
+
 def _beside(parents: list[str]) -> set[str]:
-    """Names that may stand in a section."""
-    names = [key.split(".") for key in [*RULES, *BY_CLASS]]
+    """Names that may stand in a section; ``*``: any."""
     depth = len(parents)
+    names = (key.split(".") for key in [*RULES, *BY_CLASS])
     return {
         parts[depth]
         for parts in names
-        if len(parts) > depth
-        and all(a in (b, "*") for a, b in zip(parts, parents, strict=False))
-        and parts[depth] != "*"
+        if len(parts) > depth and all(a in (b, "*") for a, b in zip(parts, parents, strict=False))
     }
 
 
