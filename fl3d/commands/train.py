@@ -13,7 +13,7 @@ from fl3d.analysis.found import sweep_verdicts
 from fl3d.commands.words import PUBLISHED
 from fl3d.config.checks import check_overrides
 from fl3d.config.command_line import Line, read_line
-from fl3d.config.compose import resolve, section
+from fl3d.config.compose import resolve, section, task_words
 from fl3d.config.hydra_app import HYDRAS, for_hydra, hydra_says
 from fl3d.config.objects import build
 from fl3d.config.overrides import parse
@@ -107,7 +107,7 @@ def _one_trial(config: object) -> None:
     if resolved["sweep"]["name"] != "trials":
         name = resolved["sweep"]["name"]
         raise ConfigError(f"a sweep file is run with -m: python -m fl3d -m +sweep={name}")
-    words = list(hydra.overrides.task)
+    words = task_words(hydra)
     launcher = section(hydra, "launcher")
     train(Listed([point_of(words, resolved)]), launcher, words)
 

@@ -39,7 +39,7 @@ def check_overrides(overrides: Sequence[str]) -> None:
                 chosen[same_key(override)] = f"{plus}{same_key(override)}={_choices(override)[0]}"
         elif key in NEEDED:
             raise ConfigError(f"{override.input_line}: {_needed(key)}")
-        elif not key.startswith("hydra") or key.startswith(CHECKED_HYDRA):
+        elif not key.startswith("hydra") or key.startswith(CHECKED_HYDRA) or _adds(override):
             keys.append(override)
     _check_keys(keys, list(chosen.values()), known)
 
@@ -84,8 +84,7 @@ def _check_option(group: str, option: str) -> None:
 
 def _check_keys(overrides: Sequence[Override], chosen: Sequence[str], known: set[str]) -> None:
     """Refuse keys that are neither there nor added by a word before."""
-    changed = [override for override in overrides if not _adds(override)]
-    if not changed:
+    if all(_adds(override) and not override.is_hydra_override() for override in overrides):
         return
     with hydra_session():
         base = composed(chosen, with_hydra=True)
@@ -94,6 +93,8 @@ def _check_keys(overrides: Sequence[Override], chosen: Sequence[str], known: set
         key = override.key_or_group
         if _adds(override):
             added.append(key)
+            if override.is_hydra_override():
+                _check_key(base, ".".join(key.split(".")[:2]), override.input_line or key, known)
         elif not any(key == one or key.startswith(f"{one}.") for one in added):
             _check_key(base, key, override.input_line or key, known)
 

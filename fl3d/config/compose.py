@@ -90,7 +90,14 @@ def multirun(overrides: Sequence[str]) -> Multirun:
             master = loader.load_configuration(MAIN, words, RunMode.MULTIRUN)
         except FAILURES as error:
             raise ConfigError(hydra_says(error)) from None
-    return multirun_of(loader, master, list(master.hydra.overrides.task))
+    return multirun_of(loader, master, task_words(master.hydra))
+
+
+def task_words(hydra: Any) -> list[str]:
+    """The words of a trial or a sweep, as Hydra keeps them; ``${...}`` in them stays as it was typed."""
+    words = OmegaConf.to_container(hydra.overrides.task, resolve=False)
+    assert isinstance(words, list)
+    return [str(word) for word in words]
 
 
 def multirun_of(loader: ConfigLoader, master: DictConfig, arguments: list[str]) -> Multirun:
@@ -164,7 +171,8 @@ def section(hydra: Any, name: str) -> Config:
         raise ConfigError(f"hydra.{name}: {hydra_says(error)}") from None
     if not isinstance(container, Mapping) or "_target_" not in container:
         raise ConfigError(
-            f"hydra.{name}: {container}, but it is a section with a _target_; choose one by hydra/{name}=NAME"
+            f"hydra.{name}: {'null' if container is None else container}, but it is a section with a _target_; "
+            f"choose one by hydra/{name}=NAME"
         )
     named = {str(key): value for key, value in container.items()}
     if name == "launcher":

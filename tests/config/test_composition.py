@@ -42,14 +42,14 @@ def split(words: list[str]) -> list[list[str]]:
         ["loss.gamma=0", "++loss.gamma=1,2"],
         ["++loss.gamma=1,2", "loss.gamma=0.5", "loss.alpha=3,4"],
         ["optimizer.lr=0.5", "optimizer={lr:0.1},{lr:0.2}"],
-        ["optimizer={lr:0.1},{lr:0.2}", "optimizer.betas=[0.5,0.9]"],
+        ["optimizer={lr:0.1},{lr:0.2}", "+optimizer.betas=[0.5,0.9]"],
         ["schedule.epochs.focal=1", "schedule.epochs={focal:3},{focal:4}"],
         ["schedule.epochs={focal:3},{warmup:4}", "schedule.epochs.focal=1"],
         ["loss.gamma=5", "loss=original,enhanced", "loss.alpha=2"],  # groups first, then keys
         ["detector.heading_fold=1", "detector=fcn3d,voxelnet", "optimizer.lr=0.5,0.25"],
         ["~loss.alpha", "+loss.alpha=2,3"],
         [f"{PLACE}=1", f"{PLACE.lstrip('+')}=2,3"],
-        ["loss.gamma=0,1", "~augment", "seed=3", "sweep.question='a,b'"],
+        ["loss.gamma=0,1", "~loss.sigma", "seed=3", "sweep.question='a,b'"],
     ],
     ids=" ".join,
 )
