@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from hydra.core.override_parser.types import ChoiceSweep, Override
 from omegaconf import DictConfig, OmegaConf
 
 from fl3d.config.hydra_app import composed, hydra_session
-from fl3d.config.overrides import parse, same_key
+from fl3d.config.overrides import chooses_group, parse, same_key
 from fl3d.config.places import config_folders, groups, options_of
 from fl3d.core.errors import ConfigError, options
 
@@ -31,8 +31,7 @@ def check_overrides(overrides: Sequence[str]) -> None:
     keys: list[Override] = []
     for override in parsed:
         key = override.key_or_group
-        sets_keys = isinstance(_first(override), Mapping)  # loss={gamma:2}
-        if key in known and not sets_keys and (not key.startswith("hydra") or key in OWN_HYDRA):
+        if chooses_group(override) and (not key.startswith("hydra") or key in OWN_HYDRA):
             _check_group(override)
             if not override.is_delete():
                 plus = "+" if override.is_add() else ""
@@ -56,12 +55,6 @@ def _check_group(override: Override) -> None:
 
 def _needed(group: str) -> str:
     return f"a trial needs one. {options('', options_of(group))}"
-
-
-def _first(override: Override) -> Any:
-    """A value that it sets, of a sweep the first."""
-    value: Any = override.value()
-    return value.list[0] if isinstance(value, ChoiceSweep) and value.list else value
 
 
 def _choices(override: Override) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NoReturn
@@ -101,3 +102,7 @@ def _check_completion(words: Sequence[str]) -> None:
         typed = " ".join(words) or "nothing"
         possible = [f"{what}={shell}" for what in COMPLETION[:2] for shell in SHELLS]
         raise ConfigError(f"--shell-completion {typed}: {options(typed, possible)}")
+    if pairs[0][0] == "query" and "COMP_LINE" not in os.environ:
+        raise ConfigError(
+            f"--shell-completion {words[0]}: is asked by a shell that completes a word (COMP_LINE is not set)"
+        )

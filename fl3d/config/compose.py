@@ -16,8 +16,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from fl3d.config.checks import check_overrides
 from fl3d.config.hydra_app import FAILURES, composed, for_hydra, hydra_says, hydra_session, searched
-from fl3d.config.overrides import parse
-from fl3d.config.places import CONF, MAIN, is_group
+from fl3d.config.overrides import chooses_group, parse, typed_words
+from fl3d.config.places import CONF, MAIN
 from fl3d.config.values import check_launcher, check_values
 from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config
@@ -118,7 +118,13 @@ def multirun_of(loader: ConfigLoader, master: DictConfig, arguments: list[str]) 
         return resolve(config)
 
     sweeper, launcher = (section(master.hydra, name) for name in ("sweeper", "launcher"))
-    return Multirun(sweeper, launcher, arguments, resolve(master), compose_trial)
+    try:
+        base = resolve(master)
+    except ConfigError:  # it may read what is swept; what is wrong for all trials is raised again
+        base = compose_trial(
+            [typed_words(word)[0] for word in map(parse, arguments) if not word.is_interval_sweep()]
+        )
+    return Multirun(sweeper, launcher, arguments, base, compose_trial)
 
 
 def _shared_and_own(
@@ -138,7 +144,7 @@ def _shared_and_own(
             last.append(override)
             continue
         first.append(line)
-        is_tail = is_tail and is_group(override.key_or_group) and not override.is_delete()
+        is_tail = is_tail and chooses_group(override) and not override.is_delete()
     return tuple(reversed(first)), last[::-1]
 
 
@@ -148,7 +154,7 @@ def _is_plain_value(override: Override, master: DictConfig) -> bool:
         override.is_sweep_override()
         or override.type is not OverrideType.CHANGE
         or override.package is not None
-        or is_group(override.key_or_group)
+        or chooses_group(override)
     ):
         return False
     found = OmegaConf.select(master, override.key_or_group, throw_on_resolution_failure=False)
@@ -168,7 +174,7 @@ def section(hydra: Any, name: str) -> Config:
             OmegaConf.to_container(found, resolve=True) if OmegaConf.is_config(found) else found
         )
     except OmegaConfBaseException as error:
-        raise ConfigError(f"hydra.{name}: {hydra_says(error)}") from None
+        raise ConfigError(hydra_says(error)) from None
     if not isinstance(container, Mapping) or "_target_" not in container:
         raise ConfigError(
             f"hydra.{name}: {'null' if container is None else container}, but it is a section with a _target_; "

@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from fl3d.config import places
-from fl3d.config.overrides import parse
+from fl3d.config.overrides import chooses_group, parse
 from fl3d.core.errors import ConfigError
 
 HYDRAS = (HydraException, OmegaConfBaseException, YAMLError)  # errors that are nobody else's
@@ -69,8 +69,7 @@ def for_hydra(overrides: Sequence[str]) -> list[str]:
     }
     words = []
     for number, (line, override) in enumerate(zip(overrides, parsed, strict=True)):
-        is_group = last.get(override.key_or_group) is not None and not override.is_delete()
-        if not is_group or override.value() is not None:
+        if not chooses_group(override) or override.is_delete() or override.value() is not None:
             words.append(line)
         elif last[override.key_or_group] == number and not override.is_add():
             words.append(f"~{override.get_key_element()}")
@@ -96,24 +95,26 @@ def hydra_says(error: Exception) -> str:
     text = _one_line(str(error))
     cause = error.__cause__
     if cause is None:
-        return text or type(error).__name__
-    key = getattr(cause, "full_key", None)
+        return f"{_where(error)}{text or type(error).__name__}"
     reason = str(cause).strip().partition("\n")[0]
     if text:  # such as: Error merging override hydra.mode=FOO
         return f"{text}: {reason}" if reason and reason not in text else text
-    where = f"{key}: " if key else ""
     return (
-        f"{where}{reason}; ${{...}} is a value of the config (OmegaConf's), which this is not: "
+        f"{_where(cause)}{reason}; ${{...}} is a value of the config (OmegaConf's), which this is not: "
         "write \\${ where the characters are meant, and \\${{NAME}} for a variable of bash in a command"
     )
+
+
+def _where(error: BaseException) -> str:
+    """The key that an error of OmegaConf's is about, for the front of a message."""
+    key = getattr(error, "full_key", None)
+    return f"{key}: " if key else ""
 
 
 def _one_line(text: str) -> str:
     """The lines of a message as one; where Hydra looked, and OmegaConf's notes, are left out."""
     lines = [line.strip() for line in text.split("Config search path:")[0].splitlines()]
-    kept = [
-        line for line in lines if line and not re.match(r"(full_key|object_type):|object of", line)
-    ]
+    kept = [line for line in lines if line and not re.match(r"(full_key|object_type)[:=]", line)]
     joined = ""
     for line in kept:
         joined += f"{_joint(joined)}{line}" if joined else line

@@ -12,7 +12,7 @@ from typing import Any
 from hydra.errors import HydraException
 from hydra.utils import get_class, instantiate
 
-from fl3d.core.errors import ConfigError
+from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config
 from fl3d.core.typed import check_types
 
@@ -39,10 +39,7 @@ def build(section: Config, name: str, **arguments: Any) -> Any:
     target = section["_target_"]
     own = {key: value for key, value in section.items() if not key.startswith("_")}
     kind = locate(target, name)
-    try:
-        inspect.signature(kind).bind(**own, **arguments)
-    except TypeError as error:
-        raise ConfigError(f"{name}: {target}: {error}") from None
+    _check_names(kind, own, arguments, f"{name}: {target}")
     _check(kind, own, name)
     try:
         # Partial, for Hydra would turn arguments that are dataclasses into configs.
@@ -55,6 +52,18 @@ def build(section: Config, name: str, **arguments: Any) -> Any:
         raise ConfigError(f"{name}: {why}") from None
     except SLIPS as error:
         raise ConfigError(f"{name}: {target}: {_told(error)}") from None
+
+
+def _check_names(kind: Any, own: Config, arguments: Config, where: str) -> None:
+    """Refuse arguments that a class does not take, or that it lacks."""
+    signature = inspect.signature(kind)
+    try:
+        signature.bind(**own, **arguments)
+    except TypeError as error:
+        possible = [key for key in signature.parameters if key not in arguments]
+        unknown = [key for key in own if key not in possible]
+        hint = f". {options(unknown[0], possible)}" if unknown else ""
+        raise ConfigError(f"{where}: {error}{hint}") from None
 
 
 def _check(kind: Any, own: Config, name: str) -> None:

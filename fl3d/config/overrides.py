@@ -51,6 +51,15 @@ def same_key(override: Override) -> str:
     return f"{override.key_or_group}{package}"
 
 
+def chooses_group(override: Override) -> bool:
+    """Whether it chooses options of a config group, or none of them; ``loss={gamma:2}`` sets keys instead."""
+    if not is_group(override.key_or_group):
+        return False
+    value: Any = override.value()
+    listed = value.list if isinstance(value, ChoiceSweep) else [value]
+    return not any(isinstance(one, Mapping) for one in listed)
+
+
 def _matching(group: str, pattern: Glob, line: str) -> list[str]:
     """Files of a group that a glob names."""
     if not is_group(group):
@@ -106,13 +115,16 @@ def plain_values(override: Override) -> list[Any]:
     return [_plain(value) for value in _listed(override, Transformer.identity)]
 
 
-def strings(override: Override) -> list[str]:
-    """The values that a swept override sets, as they are typed.
+def typed_words(override: Override) -> tuple[str, ...]:
+    """The words of an override, one for each of its values.
 
     Raises:
         ConfigError: see ``plain_values``.
     """
-    return [str(value) for value in _listed(override, Transformer.str)]
+    if not override.is_sweep_override():
+        return (str(override.input_line),)
+    key = override.get_key_element()
+    return tuple(f"{key}={value}" for value in _listed(override, Transformer.str))
 
 
 def _listed(override: Override, transformer: Any) -> list[Any]:

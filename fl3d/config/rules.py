@@ -147,9 +147,17 @@ RULES: dict[str, Rule] = {
     "schedule.stages.*.set": SECTION,
     "schedule.stages.*": SECTION,  # null: the stage is left out
 }
+# Of torch's optimisers, which say no key in their errors.
+OPTIMIZER: dict[str, Rule] = {
+    "lr": FROM_0,
+    "weight_decay": FROM_0,
+    "momentum": FROM_0,
+    "eps": FROM_0,
+}
 # Of a launcher; the class takes others, which are its own.
 LAUNCHER: dict[str, Rule] = {
     "slots": COUNT.or_null(),
+    "device": TEXT,
     "per_card": COUNT,
     "minutes": COUNT,
     "cpus": ABOVE_0,

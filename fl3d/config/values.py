@@ -9,7 +9,16 @@ from dataclasses import fields
 from fnmatch import fnmatchcase
 from typing import Any
 
-from fl3d.config.rules import BY_CLASS, LAUNCHER, OPTIONAL, RULES, SECTION, SECTIONS, Rule
+from fl3d.config.rules import (
+    BY_CLASS,
+    LAUNCHER,
+    OPTIMIZER,
+    OPTIONAL,
+    RULES,
+    SECTION,
+    SECTIONS,
+    Rule,
+)
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config
 from fl3d.evaluation.protocol import Protocol
@@ -33,6 +42,9 @@ def check_values(config: Config, raw: Any) -> None:
     read = set(_names_in(raw))
     for key, value in _leaves(config):
         _check(key, value, read)
+    optimizer = config.get("optimizer")
+    if isinstance(optimizer, Mapping) and str(optimizer.get("_target_")).startswith("torch."):
+        _check_section("optimizer", optimizer, OPTIMIZER)
     for key in RULES:
         is_needed = "*" not in key and not any(fnmatchcase(key, one) for one in OPTIONAL)
         if is_needed and _at(config, key) is ABSENT and not _is_within_null(config, key):
@@ -45,9 +57,13 @@ def check_launcher(section: Mapping[str, Any]) -> None:
     Raises:
         ConfigError: naming the key, and what it may be.
     """
-    for name, rule in LAUNCHER.items():
-        if name in section and not rule.fits(section[name]):
-            raise ConfigError(f"hydra.launcher.{name}: {_is_not(section[name], rule)}")
+    _check_section("hydra.launcher", section, LAUNCHER)
+
+
+def _check_section(name: str, section: Mapping[str, Any], rules: Mapping[str, Rule]) -> None:
+    for key, rule in rules.items():
+        if key in section and not rule.fits(section[key]):
+            raise ConfigError(f"{name}.{key}: {_is_not(section[key], rule)}")
 
 
 def _check(key: str, value: Any, read: set[str]) -> None:

@@ -47,6 +47,7 @@ def split(words: list[str]) -> list[list[str]]:
         ["schedule.epochs={focal:3},{warmup:4}", "schedule.epochs.focal=1"],
         ["loss.gamma=5", "loss=original,enhanced", "loss.alpha=2"],  # groups first, then keys
         ["detector.heading_fold=1", "detector=fcn3d,voxelnet", "optimizer.lr=0.5,0.25"],
+        ["loss.gamma=1,2", "loss={gamma:3}"],
         ["~loss.alpha", "+loss.alpha=2,3"],
         [f"{PLACE}=1", f"{PLACE.lstrip('+')}=2,3"],
         ["loss.gamma=0,1", "~loss.sigma", "seed=3", "sweep.question='a,b'"],

@@ -10,8 +10,7 @@ from typing import Any
 
 from hydra.core.override_parser.types import Override
 
-from fl3d.config.overrides import parse, plain_values, same_key, strings
-from fl3d.config.places import is_group
+from fl3d.config.overrides import chooses_group, parse, plain_values, same_key, typed_words
 from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config
 from fl3d.sweep.identity import has_key, value_at
@@ -94,7 +93,7 @@ def point_of(overrides: Sequence[str], config: Config) -> Point:
 def _composed(key: str, override: Override, config: Config) -> Any:
     """The value that a config has of what an override sets; of groups and sections what was typed."""
     (typed,) = plain_values(override)
-    if is_group(key) or not has_key(config, key) or isinstance(typed, Mapping):
+    if chooses_group(override) or not has_key(config, key) or isinstance(typed, Mapping):
         return typed
     found = value_at(config, key)
     return typed if isinstance(found, Mapping) else found
@@ -119,9 +118,9 @@ def expand(params: Mapping[str, object], arguments: Sequence[str]) -> Grid:
         [one for one in filed if same_key(one) not in named] + given
     ):
         key = same_key(override)
-        if overruled and is_group(key):
+        if overruled and chooses_group(override):
             continue  # Hydra takes the last
-        values = _typed(override)
+        values = typed_words(override)
         # A word of what the file sweeps tells the trials from others, also where it sets one value.
         is_axis = override.is_sweep_override() or (key in of_file and not override.is_delete())
         if is_axis and not overruled:
@@ -144,10 +143,3 @@ def _with_fate(overrides: Sequence[Override]) -> Iterator[tuple[Override, bool]]
 
 def _sets_section(override: Override) -> bool:
     return any(isinstance(value, Mapping) for value in plain_values(override))
-
-
-def _typed(override: Override) -> tuple[str, ...]:
-    """The words of an override, one for each of its values."""
-    if not override.is_sweep_override():
-        return (str(override.input_line),)
-    return tuple(f"{override.get_key_element()}={value}" for value in strings(override))
