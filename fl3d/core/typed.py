@@ -89,6 +89,8 @@ def check_types(kind: Any, values: Mapping[str, Any], name: str) -> None:
 
 
 def _fits(value: Any, hint: Any) -> bool:
+    if hint in (Any, object):
+        return True
     members = _members(hint)
     if len(members) > 1:
         return any(_fits(value, one) for one in members)
@@ -134,7 +136,7 @@ def _inner(hint: Any, value: Any) -> Sequence[Any] | None:
 def _is_no_plain(hint: Any) -> bool:
     """Whether a type is an object's, a record's or a mapping's, which no number and no text is."""
     kind = typing.get_origin(hint) or hint
-    return isinstance(kind, type) and kind not in (object, *SAYS) and not issubclass(kind, str)
+    return isinstance(kind, type) and kind not in SAYS
 
 
 def _is_plain(value: Any, hint: type) -> bool:

@@ -61,6 +61,7 @@ def check(config: Config) -> None:
 def test_no_number_of_the_config_may_be_another_thing(usual: Config, section: str) -> None:
     part = usual[section]
     keys = [f"{section}.{key}" for key in numbers(part)] if isinstance(part, Mapping) else [section]
+    keys = [key for key in keys if ".set.loss." not in key]  # the class's own
     assert keys
     for key in keys:
         for value in WRONG:

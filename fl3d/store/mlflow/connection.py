@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 # A server that is down shall be found out in seconds; who waits for it decides when to try again.
@@ -18,7 +19,7 @@ import sqlalchemy as sa
 from mlflow import MlflowClient
 from mlflow.exceptions import MlflowException
 
-from fl3d.core.errors import StoreDown
+from fl3d.core.errors import StoreDown, StoreError
 
 PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
 CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
@@ -34,6 +35,21 @@ def database_url(uri: str) -> str:
     if uri.startswith("postgresql://"):  # SQLAlchemy's own choice is another driver
         uri = uri.replace("postgresql://", "postgresql+psycopg2://", 1)
     return uri + PATIENCE if uri.startswith("postgresql+psycopg2://") and "?" not in uri else uri
+
+
+def file_url(root: Path) -> str:
+    """The URL of a store's own database.
+
+    Raises:
+        StoreError: the folder's name has a letter that a URL reads otherwise, and so another file would be opened.
+    """
+    wrong = [letter for letter in "?%" if letter in str(root)]
+    if wrong:
+        raise StoreError(
+            f"store.root: {root} has a '{wrong[0]}' in its name, and MLflow finds its database by a URL, which reads "
+            "that otherwise; give a folder without ? and %, or a server's store.uri"
+        )
+    return f"sqlite:///{root / 'mlflow.db'}"
 
 
 class GuardedClient:
