@@ -183,4 +183,8 @@ def section(hydra: Any, name: str) -> Config:
     named = {str(key): value for key, value in container.items()}
     if name == "launcher":
         check_launcher(named)
+    if not isinstance(named.get("params", {}), Mapping):
+        raise ConfigError(
+            f"hydra.{name}.params: {named['params']}, but it holds swept values by key"
+        )
     return named

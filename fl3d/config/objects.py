@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import logging
 import sys
 import traceback
 from collections.abc import Iterable, Mapping
@@ -16,6 +17,7 @@ from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config
 from fl3d.core.typed import check_types
 
+logging.getLogger("hydra.utils").setLevel(logging.CRITICAL)  # it prints what it raises
 # What a class raises for values that it cannot be made of.
 SLIPS = (
     *(TypeError, ValueError, ArithmeticError, LookupError, RuntimeError),
@@ -93,10 +95,12 @@ def locate(target: str, name: str) -> Any:
     Raises:
         ConfigError: there is none.
     """
+    if not isinstance(target, str):
+        raise ConfigError(f"{name}: '{target}', but a _target_ is the import path of a class")
     try:
         return get_class(target)
     except Exception as error:
-        raise ConfigError(f"{name}: {error}") from None
+        raise ConfigError(f"{name}: {' '.join(str(error).split())}") from None
 
 
 def make_importable(folders: Iterable[str]) -> None:

@@ -1,11 +1,14 @@
-"""What each key of a config may be; ``values`` holds configs to it. Pure."""
+"""What each key of a config may be; ``values`` holds configs to it."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+from fl3d.data.kitti import CALIBRATIONS, CROPS
 
 LARGEST_SEED = 2**63 - 1  # torch and the store's tables keep it as a signed integer of 64 bits
 # Sections that a class is made of check themselves, see ``objects``; here their numbers must be finite alone.
@@ -61,6 +64,10 @@ SHARE = _number("from 0 to 1", lambda value: 0 <= value <= 1)
 COUNT = _whole(1)
 FLAG = Rule("true or false", lambda value: isinstance(value, bool))
 TEXT = Rule("a text", lambda value: isinstance(value, str) and bool(value.strip()))
+DEVICE = Rule(
+    "cpu, cuda or cuda:N",
+    lambda value: isinstance(value, str) and bool(re.fullmatch(r"cpu|cuda(:\d+)?", value)),
+)
 SCALAR = Rule("a text", lambda value: isinstance(value, str | int | float) and value != "")
 SECTION = Rule("a section of keys, or null", lambda value: value is None or value == {})
 SEED = _whole(0, LARGEST_SEED)
@@ -76,11 +83,17 @@ TEXTS = Rule(
     "a list of texts",
     lambda value: isinstance(value, list) and all(isinstance(one, str) for one in value),
 )
+
+
+def _one_of(*names: str) -> Rule:
+    return Rule(f"one of {', '.join(names)}", lambda value: value in names)
+
+
 ANY = Rule("any value", lambda value: True)
 
 RULES: dict[str, Rule] = {
     "seed": SEED,
-    "device": TEXT,
+    "device": DEVICE,
     "precision": TEXT,
     "compile": FLAG,
     "workers": _whole(0).or_null(),
@@ -109,8 +122,8 @@ RULES: dict[str, Rule] = {
     "data.val_split": SCALAR,
     "data.train_frames": COUNT.or_null(),
     "data.val_frames": COUNT.or_null(),
-    "data.crop": TEXT,
-    "data.calibration": TEXT,
+    "data.crop": _one_of(*CROPS),
+    "data.calibration": _one_of(*CALIBRATIONS),
     "data.cloud.columns": _whole(3).or_null(),
     "data.cloud.dtype": TEXT.or_null(),
     "data.cloud.reflectance_scale": ABOVE_0,

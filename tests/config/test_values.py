@@ -94,6 +94,8 @@ def test_no_number_of_the_config_may_be_another_thing(usual: Config, section: st
         ("data.train_frames", 0, "whole number of at least 1, or null"),
         ("optimizer.lr", -1, "'-1' is not a number of at least 0"),
         ("optimizer.lr", "abc", "'abc' is not a number of at least 0"),
+        ("device", "gpu", "'gpu' is not cpu, cuda or cuda:N"),
+        ("data.crop", "picture", "'picture' is not one of image, none"),
         ("loss.gamma", NAN, "nan is not a finite number"),
         ("detector.range_velo", [0, INF, 0, 1, 1, 1], "inf is not a finite number"),
         ("schedule", None, "'null', but it is a section of keys"),
@@ -114,6 +116,27 @@ def test_every_key_of_the_configs_has_a_rule(usual: Config) -> None:
         check_values(config, {})  # nothing is read but what has a rule
     own = {key.partition(".")[0] for key in RULES} | set(BY_CLASS)
     assert own == {*usual}
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("overlaps", {"Car": [0.7, 0.7]}),
+        ("overlaps", {"Car": [0.7, 0.7, 7]}),
+        ("ignore_beyond", [1, 2, "a", 4]),
+        ("ignore_beyond", 3),
+        ("score_threshold", True),
+        ("score_threshold", NAN),
+        ("nms_iou", -1),
+        ("max_detections", True),
+        ("variant", None),
+    ],
+)
+def test_a_protocol_says_which_of_its_keys_cannot_be(
+    usual: Config, key: str, value: object
+) -> None:
+    with pytest.raises(ConfigError, match=f"^protocol.{key}"):
+        Protocol(**{**usual["protocol"], key: value})
 
 
 @pytest.mark.parametrize(
