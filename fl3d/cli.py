@@ -114,7 +114,7 @@ def _with_config_dir(typed: list[str]) -> list[str]:
             raise ConfigError(f"--config-dir {given} and {folder}: one folder alone can be given")
         given = folder
         # Imported late: it brings Hydra along.
-        importlib.import_module("fl3d.config.compose").search_also(Path(folder))
+        importlib.import_module("fl3d.config.places").search_also(Path(folder))
     return rest
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 
 from fl3d.analysis.trace import trace
 from fl3d.commands.words import HELP, names_sweep, open_words, parser, read_words
-from fl3d.config.compose import values_by_key
+from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError, options
 from fl3d.evaluation.selection import RULES
 from fl3d.papers.base import PaperTable

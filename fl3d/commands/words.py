@@ -6,8 +6,10 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fl3d.config.compose import CONF, Multirun, is_interval, multirun, values_by_key
+from fl3d.config.compose import CONF, Multirun, multirun
+from fl3d.config.hydra_app import for_hydra
 from fl3d.config.objects import locate
+from fl3d.config.overrides import is_interval, values_by_key
 from fl3d.config.settings import Settings, read_settings
 from fl3d.runs.design import SEED
 from fl3d.runs.finished import Asked, FinishedSweep, open_sweep
@@ -39,7 +41,7 @@ def read_words(overrides: Sequence[str]) -> Words:
     """
     composed = multirun(overrides)
     listed = [
-        word for word in overrides if not is_interval(word)
+        word for word in for_hydra(overrides) if not is_interval(word)
     ]  # a study's trials are not told by its intervals
     asked = values_by_key(listed)
     door = locate(composed.sweeper["_target_"], "hydra.sweeper._target_")

@@ -92,6 +92,6 @@ class StoreDown(StoreError):
 def options(wrong: str, possible: Iterable[str]) -> str:
     """Say what was possible, nearest first: ``Did you mean 'gamma'? Possible: ...``."""
     names = sorted(possible)
-    near = difflib.get_close_matches(wrong, names, n=1)
+    near = difflib.get_close_matches(str(wrong), names, n=1)
     hint = f"Did you mean '{near[0]}'? " if near else ""
     return f"{hint}Possible: {', '.join(names) or 'nothing'}."

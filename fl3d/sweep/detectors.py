@@ -8,8 +8,8 @@ from typing import Any
 
 import torch
 
-from fl3d.config.compose import own_base
 from fl3d.config.objects import locate
+from fl3d.config.places import own_base
 from fl3d.config.settings import read_stage_settings
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError

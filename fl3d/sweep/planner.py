@@ -150,14 +150,24 @@ class Planner:
 
 
 def _refuse_unused(trial: Trial, other: Trial) -> None:
-    """Refuse two points that a command would train as one.
+    """Refuse two points that would be trained as one: what they differ in changes nothing.
 
     Raises:
-        ConfigError: naming the keys that it is not given.
+        ConfigError: naming the keys.
     """
+    if trial.overrides == other.overrides:
+        return
     differing = {
         key: value for key, value in trial.values.items() if other.values.get(key) != value
     }
     why = planned(trial.config).unused(differing) if differing else ""
     if why:
         raise ConfigError(why)
+    own, others = (
+        " ".join(word for word in one.overrides if word not in another.overrides)
+        for one, another in ((other, trial), (trial, other))
+    )
+    raise ConfigError(
+        f"'{own or 'nothing'}' and '{others or 'nothing'}' are one and the same training, so that they cannot be "
+        "compared: nothing that is trained reads it, or another word overrules it"
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from dataclasses import dataclass
 
-from fl3d.config.compose import own_folders
+from fl3d.config.places import own_folders
 from fl3d.config.settings import Settings, read_settings
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.leases import holder_of

@@ -13,7 +13,8 @@ import pytest
 import yaml
 
 import tests.example_program
-from fl3d.config.compose import compose_config, search_also
+from fl3d.config.compose import compose_config
+from fl3d.config.places import search_also
 from fl3d.core.errors import ConfigError, StageFailed
 from fl3d.core.leases import holder_of, leased
 from fl3d.evaluation.detections import read_detections
@@ -41,7 +42,7 @@ Make = Callable[..., Prepared]
 @pytest.fixture
 def make(simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     """A sweep over a detector of the user's own; keys of its ``detector`` section may be given."""
-    monkeypatch.setattr("fl3d.config.compose._OWN", [])
+    monkeypatch.setattr("fl3d.config.places._OWN", [])
     monkeypatch.syspath_prepend(str(tmp_path))
     own = tmp_path / "own"
     (own / "detector").mkdir(parents=True)

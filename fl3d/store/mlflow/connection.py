@@ -41,6 +41,21 @@ def database_url(uri: str) -> str:
     return uri + PATIENCE if uri.startswith("postgresql+psycopg2://") and "?" not in uri else uri
 
 
+def file_url(root: Path) -> str:
+    """The URL of a store's own database.
+
+    Raises:
+        StoreError: the folder's name has a letter that a URL reads otherwise, and so another file would be opened.
+    """
+    wrong = [letter for letter in "?%" if letter in str(root)]
+    if wrong:
+        raise StoreError(
+            f"store.root: {root} has a '{wrong[0]}' in its name, and MLflow finds its database by a URL, which reads "
+            "that otherwise; give a folder without ? and %, or a server's store.uri"
+        )
+    return f"sqlite:///{root / 'mlflow.db'}"
+
+
 class GuardedClient:
     """An ``MlflowClient`` whose every call tells an outage from an error."""
 

@@ -17,6 +17,7 @@ from typing import Any
 from fl3d.store.mlflow.connection import (  # before MLflow: it sets its environment
     GuardedClient,
     database_url,
+    file_url,
     outages,
 )
 
@@ -71,7 +72,7 @@ class MlflowStore(Store):
 
     def __init__(self, root: Path, uri: str | None = None) -> None:
         self.root = root.absolute()
-        self.uri = database_url(uri or f"sqlite:///{self.root / 'mlflow.db'}")
+        self.uri = database_url(uri or file_url(self.root))
         if not self.uri.startswith(("sqlite:///", "postgresql", "http://", "https://")):
             raise StoreError(f"store.uri: '{self.uri}' is no store. Possible: {POSSIBLE}")
 

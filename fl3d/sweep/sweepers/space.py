@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import (
     ChoiceSweep,
     IntervalSweep,
@@ -23,6 +22,7 @@ from optuna.distributions import (
     check_distribution_compatibility,
 )
 
+from fl3d.config.overrides import parse, same_key
 from fl3d.core.errors import ConfigError
 from fl3d.runs.design import SEED
 
@@ -77,15 +77,18 @@ def parse_space(params: Mapping[str, object], arguments: Sequence[str]) -> Space
     Raises:
         ConfigError: nothing is searched, or a sweep that no distribution stands for.
     """
-    parser = OverridesParser.create()
-    given = parser.parse_overrides(list(arguments))
-    named = {override.key_or_group for override in given}
-    filed = parser.parse_overrides([f"{key}={value}" for key, value in params.items()])
+    given = [parse(line) for line in arguments]
+    named = {same_key(override) for override in given}
+    filed = [parse(f"{key}={'null' if value is None else value}") for key, value in params.items()]
     fixed: list[str] = []
     axes: dict[str, BaseDistribution] = {}
-    for override in [*(o for o in filed if o.key_or_group not in named), *given]:
+    axis_of: dict[str, str] = {}
+    for override in [*(o for o in filed if same_key(o) not in named), *given]:
+        if same_key(override) in axis_of:  # a later word of the same key overrules
+            del axes[axis_of.pop(same_key(override))]
         if override.is_sweep_override():
             _refuse_counted_seeds(override)
+            axis_of[same_key(override)] = override.get_key_element()
             axes[override.get_key_element()] = _distribution(override)
         elif override.input_line is not None:
             fixed.append(override.input_line)
