@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from fl3d.config.seeds import spell_out_seeds
+from fl3d.core import interrupts, streams
 from fl3d.core.errors import ConfigError, Fl3dError, StageFailed, TrainingError, options
 
 # One thread a process: two processes of one thread are faster than one of two. The libraries read
@@ -42,6 +44,7 @@ MISTAKE = 2  # exit code of what was asked or given wrongly, as argparse's own
 FAILED = 1  # of what failed while it ran
 FAILURES = (StageFailed, TrainingError)
 TRAIN = "train"  # what runs where no command is named
+RESUMING = (TRAIN, "import", "simulate", "stage")  # what was interrupted goes on where it was
 # Hydra's options.
 MULTIRUN = {"-m", "--multirun"}
 LOOKS = {"--help", "-h", "--hydra-help", "--cfg", "-c", "--info", "-i"}  # nothing is trained
@@ -54,14 +57,38 @@ def main(arguments: Sequence[str] | None = None) -> None:
         arguments: as typed behind ``python -m fl3d``; None: those of this process.
     """
     typed = list(sys.argv[1:] if arguments is None else arguments)
+    with interrupts.heard(), streams.kept() as printed:
+        try:
+            _run(typed)
+        except SystemExit as end:  # argparse's, of --help or of a slip
+            if end.code:
+                raise
+        if printed.lost is not None:
+            raise ended(*streams.loss(printed.lost))
+
+
+def _run(typed: list[str]) -> None:
+    """Run a command; its errors become exits.
+
+    Raises:
+        SystemExit: it has failed, or was interrupted.
+    """
+    name = TRAIN
     try:
         name, rest = _split(_with_config_dir(typed))
         rest = _with_seeds(name, rest)
-        importlib.import_module(f"fl3d.commands.{name}").run(rest)
+        command = importlib.import_module(f"fl3d.commands.{name}")
+        if name != TRAIN:  # Hydra loads more
+            interrupts.loaded()
+        command.run(rest)
     except Fl3dError as error:
         raise ended(f"fl3d: {error}", FAILED if isinstance(error, FAILURES) else MISTAKE) from None
-    except KeyboardInterrupt:
-        sys.exit("\nfl3d: interrupted; run the same command to resume")
+    except KeyboardInterrupt as error:
+        number = error.number if isinstance(error, interrupts.Interrupted) else signal.SIGINT
+        again = "run the same command " + ("to resume" if name in RESUMING else "again")
+        lead = "\n" if streams.is_terminal(sys.stderr) else ""  # below what it shows of Ctrl-C
+        said = lead + interrupts.text(number, again)
+        raise ended(said, interrupts.code(number)) from None
 
 
 def _with_config_dir(typed: list[str]) -> list[str]:
@@ -92,8 +119,9 @@ def _with_config_dir(typed: list[str]) -> list[str]:
 
 
 def ended(message: str, code: int) -> SystemExit:
-    """An exit that says its message on the error stream and has a code of its own."""
-    print(message, file=sys.stderr)
+    """An exit that says its message on the error stream, if there is one, and has a code of its own."""
+    if message:
+        print(message, file=sys.stderr)
     error = SystemExit(message)
     error.code = code
     return error

@@ -12,6 +12,7 @@ from fl3d.analysis.found import sweep_verdicts
 from fl3d.commands.words import PUBLISHED
 from fl3d.config.compose import CONF, MAIN, check_overrides, hydra_says, own_folders
 from fl3d.config.objects import build
+from fl3d.core import interrupts
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, Fl3dError, StoreError
 from fl3d.core.records import Config
 from fl3d.inference.devices import check_device
@@ -129,6 +130,7 @@ def train(
     Raises:
         StageFailed: a stage failed; all others are trained, scored and tabulated.
     """
+    interrupts.loaded()
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(line_buffering=True)
     device = sweeper.base.get("device", "cpu")

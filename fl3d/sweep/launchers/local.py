@@ -15,6 +15,7 @@ from pathlib import Path
 import torch
 
 import fl3d.detectors
+from fl3d.core.interrupts import deaf_children, end_with_parent
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
 
 # What torch would load at the first step of every process, 0.8 s each time.
@@ -75,7 +76,10 @@ class LocalLauncher(Launcher):
 
     def open(self) -> None:
         """Start the server; it loads while the sweep is being planned."""
-        forkserver.ensure_running()
+        with (
+            deaf_children()
+        ):  # nor do the server's: Ctrl-C is for the parent, which then ends its stages
+            forkserver.ensure_running()
 
     def launch(self, folder: Path, after: Job | None = None) -> Job:
         """Start a process; what it prints goes to ``log.txt`` in the stage's folder."""
@@ -101,11 +105,10 @@ def _work(folder: Path, card: str | None) -> None:
 
     if card is not None:
         os.environ["CUDA_VISIBLE_DEVICES"] = card  # before this process first asks for a card
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # Ctrl-C is for the parent, which then ends its stages
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the server was started by somebody else
+    end_with_parent()
     with (
-        (folder / "log.txt").open("a") as log,
+        (folder / "log.txt").open("a", encoding="utf-8") as log,
         contextlib.redirect_stdout(log),
         contextlib.redirect_stderr(log),
     ):
