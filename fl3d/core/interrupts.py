@@ -8,6 +8,7 @@ SIGINT or SIGHUP (``nohup``, ``&`` in a script) goes on ignoring it.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import signal
@@ -44,7 +45,7 @@ class _Listener:
 
     def __init__(self) -> None:
         self.heard: list[int] = []
-        self.is_loading = False
+        self.at_once: str | None = None  # what to say, where there is nothing to end
         self.may_leave = False  # whether the process is the command's own, and not a notebook's
         self.owner = 0  # process that listens; 0: none does
 
@@ -54,8 +55,8 @@ class _Listener:
             os.kill(os.getpid(), number)
             return
         self.heard.append(number)
-        if self.is_loading or (self.may_leave and len(self.heard) > 2):
-            _write(text(number, "nothing was begun" if self.is_loading else "left at once"))
+        if self.at_once is not None or (self.may_leave and len(self.heard) > 2):
+            _write(text(number, "left at once" if self.at_once is None else self.at_once))
             os._exit(code(number))
         if len(self.heard) != 2:
             raise Interrupted(number)
@@ -67,13 +68,15 @@ _LISTENER = _Listener()
 
 def listen() -> None:
     """Hear signals from now on, in a process that does nothing else than run a command, and is still loading."""
-    _LISTENER.is_loading = _LISTENER.may_leave = True
+    _LISTENER.at_once = "nothing was begun"
+    _LISTENER.may_leave = True
     _install()
+    atexit.register(_deafen)  # the first that is registered is called last
 
 
 def loaded() -> None:
     """From now on there may be something to end."""
-    _LISTENER.is_loading = False
+    _LISTENER.at_once = None
 
 
 @contextlib.contextmanager
@@ -99,6 +102,8 @@ def heard() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        if _LISTENER.may_leave:
+            _LISTENER.at_once = ""
 
 
 def check() -> None:
@@ -152,6 +157,12 @@ def _install() -> dict[int, Handler]:
         before[number] = signal.signal(number, _LISTENER)
     _LISTENER.owner = os.getpid()
     return before
+
+
+def _deafen() -> None:
+    """The last milliseconds of a process, in which Python itself would die of a second Ctrl-C."""
+    for number in HEARD:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _write(line: str) -> None:

@@ -120,7 +120,7 @@ def read_plan(path: Path) -> FrozenPlan:
         StoreError: there is none, it is torn, or another version of fl3d wrote it.
     """
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_text(encoding="utf-8"))
         if content.get("version") != VERSION:
             raise StoreError(
                 f"{path}: written by another version of fl3d; run the sweep again, which renews it"

@@ -136,7 +136,7 @@ def _tell(settings: Settings) -> dict[str, int | bool]:
 
 def _told(path: Path, folder: Path) -> dict[str, int | bool]:
     try:
-        told: dict[str, int | bool] = json.loads(path.read_text())
+        told: dict[str, int | bool] = json.loads(path.read_text(encoding="utf-8"))
     except ValueError:
         raise DataError("is no record of the simulator; give another folder", path) from None
     return told
