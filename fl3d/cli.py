@@ -76,7 +76,7 @@ def _run(typed: list[str]) -> None:
     name = TRAIN
     try:
         name, rest = _split(_with_config_dir(typed))
-        rest = _with_seeds(name, rest)
+        rest = _with_detectors(_with_seeds(name, rest))
         command = importlib.import_module(f"fl3d.commands.{name}")
         if name != TRAIN:  # Hydra loads more
             interrupts.loaded()
@@ -144,6 +144,14 @@ def _split(typed: list[str]) -> tuple[str, list[str]]:
             f"'{first}' is neither KEY=VALUE nor a command. {options(first, COMMANDS)}"
         )
     return TRAIN, typed
+
+
+def _with_detectors(rest: list[str]) -> list[str]:
+    """The arguments with ``detector=3D-FCN``, as tables write it, as the config's ``detector=fcn3d``."""
+    if not any(word.startswith("detector=") for word in rest):
+        return rest
+    names = importlib.import_module("fl3d.config.detector_names")  # late: it brings Hydra along
+    return list(names.spell_out_detectors(rest))
 
 
 def _with_seeds(name: str, rest: list[str]) -> list[str]:

@@ -24,6 +24,7 @@ from fl3d.reports.verdicts import seeds_text, verdict_tables
 from fl3d.runs.finished import FinishedSweep, levels_of, open_sweep
 from fl3d.runs.units import units_of
 from fl3d.store.base import Store
+from fl3d.sweep.by_hand import name_trial
 from fl3d.sweep.launchers.base import Launcher
 from fl3d.sweep.run import Ran, run_sweep
 from fl3d.sweep.setup import Prepared, prepare_sweep
@@ -89,10 +90,11 @@ def _one_trial(config: object) -> None:
 
     hydra = HydraConfig.get()
     resolved = resolve(config)  # type: ignore[arg-type]
-    if resolved["sweep"]["name"] != "trials":
-        name = resolved["sweep"]["name"]
-        raise ConfigError(f"a sweep file is run with -m: python -m fl3d -m +sweep={name}")
     words = list(hydra.overrides.task)
+    files = [word for word in words if word.lstrip("+").startswith("sweep=")]
+    if files:
+        raise ConfigError(f"a sweep file is run with -m: python -m fl3d -m {files[0]}")
+    name_trial(resolved)
     train(Listed([point_of(words, resolved)]), section(hydra, "launcher"), words)
 
 
@@ -138,7 +140,7 @@ def train(
     built: Launcher = build(launcher, "hydra.launcher")
     check_device(device, "device=", built.IS_HERE)
     built.open()  # it loads while the sweep is being planned
-    prepared = prepare_sweep(sweeper)
+    prepared = prepare_sweep(sweeper, words)
     refuse_untold_rows(prepared)
     ran = run_sweep(prepared, built, say=say)
     report(prepared, ran, words, say)

@@ -24,6 +24,7 @@ LAZY = ("torch._inductor", "torch._dynamo")
 # faster than one of two.
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
+SERVED = ("fl3d.training.stage", "fl3d.sweep.launchers.server")
 SERVER_DIED = 255  # multiprocessing's code for a process whose fork server was killed
 
 
@@ -70,7 +71,7 @@ class LocalLauncher(Launcher):
             f"fl3d.detectors.{module.name}"
             for module in pkgutil.iter_modules(fl3d.detectors.__path__)
         ]
-        self._context.set_forkserver_preload(["fl3d.training.stage", *LAZY, *detectors])
+        self._context.set_forkserver_preload([*SERVED, *LAZY, *detectors])
         for name in THREADS:
             os.environ.setdefault(name, "1")
 
