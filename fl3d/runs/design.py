@@ -9,7 +9,6 @@ from typing import Any
 from fl3d.config.settings import SweepSettings
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config, Trial
-from fl3d.runs.plans import FrozenTrial
 
 DETECTOR = "detector"
 SEED = "seed"
@@ -155,11 +154,18 @@ def refuse_twins(trials: Iterable[Trial]) -> None:
             )
 
 
-def detector_levels(factor: Sequence[str], trials: Iterable[Trial | FrozenTrial]) -> dict[str, str]:
-    """Levels that are detectors, by the names that the config has for them."""
+def detector_levels(
+    factor: Sequence[str], trials: Iterable[tuple[Mapping[str, Any], str]]
+) -> dict[str, str]:
+    """Levels that are detectors, by the names that the config has for them.
+
+    Args:
+        factor: keys that are compared.
+        trials: values and level of each.
+    """
     if tuple(factor) != (DETECTOR,):
         return {}
-    return {label_of(one.values[DETECTOR]): one.level for one in trials if DETECTOR in one.values}
+    return {label_of(values[DETECTOR]): level for values, level in trials if DETECTOR in values}
 
 
 def baseline_level(

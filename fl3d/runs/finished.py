@@ -150,9 +150,10 @@ class FinishedSweep:
         if asked is None:
             return self.plan.baseline
         levels = list(dict.fromkeys(trial.level for trial in self.plan.trials))
-        return baseline_level(
-            levels, self.factor, asked, detector_levels(self.factor, self.plan.trials)
+        named = detector_levels(
+            self.factor, [(trial.values, trial.level) for trial in self.plan.trials]
         )
+        return baseline_level(levels, self.factor, asked, named)
 
     @cached_property
     def levels(self) -> list[str]:

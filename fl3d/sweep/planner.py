@@ -120,7 +120,9 @@ class Planner:
                 levels,
                 self.design.factor,
                 asked,
-                detector_levels(self.design.factor, plan.trials),
+                detector_levels(
+                    self.design.factor, [(one.values, one.level) for one in plan.trials]
+                ),
             ),
             trials=trials,
             earlier=tuple(set(earlier) - set(plan.stages)),
