@@ -18,6 +18,7 @@ from fl3d.config.hydra_app import HYDRAS, for_hydra, hydra_says
 from fl3d.config.objects import build
 from fl3d.config.overrides import parse
 from fl3d.config.places import CONF, MAIN, own_folders
+from fl3d.core import interrupts
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, Fl3dError, StoreError
 from fl3d.core.records import Config
 from fl3d.inference.devices import check_device
@@ -29,6 +30,7 @@ from fl3d.reports.verdicts import seeds_text, verdict_tables
 from fl3d.runs.finished import FinishedSweep, levels_of, open_sweep
 from fl3d.runs.units import units_of
 from fl3d.store.base import Store
+from fl3d.sweep.by_hand import name_trial
 from fl3d.sweep.launchers.base import Launcher
 from fl3d.sweep.run import Ran, run_sweep
 from fl3d.sweep.setup import Prepared, prepare_sweep
@@ -104,10 +106,11 @@ def _one_trial(config: object) -> None:
 
     hydra = HydraConfig.get()
     resolved = resolve(config)  # type: ignore[arg-type]
-    if resolved["sweep"]["name"] != "trials":
-        name = resolved["sweep"]["name"]
-        raise ConfigError(f"a sweep file is run with -m: python -m fl3d -m +sweep={name}")
     words = task_words(hydra)
+    files = [word for word in words if word.lstrip("+").startswith("sweep=")]
+    if files:
+        raise ConfigError(f"a sweep file is run with -m: python -m fl3d -m {files[0]}")
+    name_trial(resolved)
     launcher = section(hydra, "launcher")
     train(Listed([point_of(words, resolved)]), launcher, words)
 
@@ -126,6 +129,7 @@ def train(
     Raises:
         StageFailed: a stage failed; all others are trained, scored and tabulated.
     """
+    interrupts.loaded()
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(line_buffering=True)
     device = sweeper.base.get("device", "cpu")
@@ -133,7 +137,7 @@ def train(
     built: Launcher = build(launcher, "hydra.launcher")
     check_device(device, "device=", built.IS_HERE)
     built.open()  # it loads while the sweep is being planned
-    prepared = prepare_sweep(sweeper)
+    prepared = prepare_sweep(sweeper, words)
     refuse_untold_rows(prepared)
     ran = run_sweep(prepared, built, say=say)
     report(prepared, ran, words, say)

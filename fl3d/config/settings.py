@@ -16,6 +16,8 @@ from fl3d.data.pictures import checked_size
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import STAGES
 
+BY_HAND = "trials"  # the name of a sweep that was given none
+
 
 @dataclass(frozen=True, kw_only=True)
 class DataSettings:
@@ -142,8 +144,14 @@ class Settings:
 
     @property
     def experiment(self) -> str:
-        """Name of the sweep on these data at this size; plans and stores know it by this."""
+        """Name of the sweep on these data at this size; plans know it by this."""
         return f"{self.sweep.name}-{self.folder_name}"
+
+    @property
+    def stored_as(self) -> str:
+        """Name of its experiment in the store: its own, or that of all single trials typed by hand."""
+        is_trial = self.sweep.name.startswith(f"{BY_HAND}.")
+        return f"{BY_HAND}-{self.folder_name}" if is_trial else self.experiment
 
     @property
     def folder_name(self) -> str:

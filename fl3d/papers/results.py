@@ -116,11 +116,11 @@ def write_sweep(
     """Write a sweep's scores, tables and curves, and print the tables; they and every file written."""
     folder = sweep.settings.results_folder
     file = score_file(folder, sweep.name)
-    before = file.read_text() if file.exists() else ""
+    before = file.read_text(encoding="utf-8") if file.exists() else ""
     written = write_score_file(file, sweep.scores, sweep.plan)
     tables = make_tables(sweep, feeding)
     written += write_tables(tables, folder)
-    if file.read_text() != before:
+    if file.read_text(encoding="utf-8") != before:
         remove_views(sweep.name, tables, folder)  # of other scores: a folder shows one set
     levels = levels_of(sweep)
     figures = folder / "figures"
@@ -129,7 +129,7 @@ def write_sweep(
         sweep.scores, last, sweep.select("best"), levels, figures / f"ap_over_steps_{sweep.name}"
     )
     bars = figures / f"ap_over_level_{sweep.name}"
-    if file.read_text() != before or not bars.with_suffix(".png").exists():
+    if file.read_text(encoding="utf-8") != before or not bars.with_suffix(".png").exists():
         ap_over_level(last, levels, bars)  # with intervals once tables are made again
     written += [bars.with_suffix(ending) for ending in (".csv", ".png", ".pdf")]
     for table in tables:

@@ -60,6 +60,7 @@ class FrozenPlan:
         trials: in the sweeper's order.
         earlier: stages of trials of earlier starts under the same name: they are nobody's waste.
         looks: numbers of seeds after which verdicts are asked for, where seeds are added until there is one.
+        words: of the command line that started it last.
     """
 
     factor: tuple[str, ...]
@@ -67,6 +68,7 @@ class FrozenPlan:
     trials: tuple[FrozenTrial, ...]
     earlier: tuple[str, ...] = ()
     looks: tuple[int, ...] = ()
+    words: tuple[str, ...] = ()
 
     @property
     def stages(self) -> set[str]:
@@ -110,6 +112,7 @@ def write_plan(path: Path, plan: FrozenPlan) -> None:
         "config": shared,
         "earlier": sorted(plan.earlier),
         **({"looks": plan.looks} if plan.looks else {}),
+        **({"words": plan.words} if plan.words else {}),
     }
     write_text(path, json.dumps(content, indent=1) + "\n")
 
@@ -121,7 +124,7 @@ def read_plan(path: Path) -> FrozenPlan:
         StoreError: there is none, it is torn or cannot be read, or another version of fl3d wrote it.
     """
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_text(encoding="utf-8"))
         if content.get("version") != VERSION:
             raise StoreError(
                 f"{path}: written by another version of fl3d; run the sweep again, which renews it"
@@ -132,6 +135,7 @@ def read_plan(path: Path) -> FrozenPlan:
             trials=tuple(_trial(one, content["config"]) for one in content["trials"]),
             earlier=tuple(content["earlier"]),
             looks=tuple(content.get("looks", ())),
+            words=tuple(content.get("words", ())),
         )
     except FileNotFoundError:
         raise StoreError(f"{path}: no such file; run the sweep first") from None

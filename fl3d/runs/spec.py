@@ -146,7 +146,7 @@ def read_spec(folder: RunFolder) -> Spec:
         StoreError: there is none, or it is torn.
     """
     try:
-        written: dict[str, Any] = json.loads(folder.spec.read_text())
+        written: dict[str, Any] = json.loads(folder.spec.read_text(encoding="utf-8"))
         machine = written["machine"]
         seen = written.get("from_store", {})  # older ones have absolute paths alone
         ids = {key: tuple(machine.get(key, ())) for key in ("train_ids", "val_ids")}
@@ -187,7 +187,7 @@ def steps_done(folder: RunFolder, stage: Stage) -> float:
     if folder.is_done:
         return stage.steps
     try:
-        return float(json.loads(folder.progress.read_text())["step"])
+        return float(json.loads(folder.progress.read_text(encoding="utf-8"))["step"])
     except (OSError, ValueError, KeyError):
         return 0
 
@@ -201,7 +201,7 @@ def read_scores(folder: RunFolder, step: int, protocol: str) -> dict[str, float]
     """Scores of a checkpoint under a protocol, by its id; None where it was not scored under it."""
     path = folder.scores(step, protocol)
     try:
-        scores: dict[str, float] = json.loads(path.read_text())
+        scores: dict[str, float] = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):  # torn: they are made again from the detections
         return None
     return scores

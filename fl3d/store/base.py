@@ -82,7 +82,7 @@ class Store(ABC):
             with contextlib.suppress(FileExistsError):  # another process was first
                 os.link(own, path)
             own.unlink()
-        return path.read_text().strip()
+        return path.read_text(encoding="utf-8").strip()
 
     @abstractmethod
     def open(self) -> None:

@@ -7,7 +7,14 @@ from collections.abc import Iterable, Sequence
 from fl3d.config.settings import Settings
 from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config, Stage, Trial
-from fl3d.runs.design import Design, asked_label, baseline_level, make_design, refuse_twins
+from fl3d.runs.design import (
+    Design,
+    asked_label,
+    baseline_level,
+    detector_levels,
+    make_design,
+    refuse_twins,
+)
 from fl3d.runs.plans import FrozenPlan, freeze
 from fl3d.sweep.detectors import planned
 from fl3d.sweep.identity import leaves, result_config
@@ -109,7 +116,14 @@ class Planner:
         )
         return FrozenPlan(
             factor=self.design.factor,
-            baseline=baseline_level(levels, self.design.factor, asked),
+            baseline=baseline_level(
+                levels,
+                self.design.factor,
+                asked,
+                detector_levels(
+                    self.design.factor, [(one.values, one.level) for one in plan.trials]
+                ),
+            ),
             trials=trials,
             earlier=tuple(set(earlier) - set(plan.stages)),
             looks=self.looks,

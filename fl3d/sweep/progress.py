@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from fl3d.core.leases import holder_of
 from fl3d.core.records import Stage
+from fl3d.core.streams import is_terminal
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.spec import steps_done
 from fl3d.sweep.cost import Costs, makespan
@@ -40,7 +41,7 @@ class Progress:
         self.layout = layout
         self.costs = costs
         self.slots = slots
-        self.lines = not sys.stderr.isatty()
+        self.lines = not is_terminal(sys.stderr)
         shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps [{elapsed}{postfix}]"
         self.bar = tqdm(
             total=0, desc=title, bar_format=shape, dynamic_ncols=True, disable=self.lines

@@ -226,7 +226,7 @@ class Recorder:
                 self._log_model(run, rule, stage, step, folder)
             texts = {"config.json": json.dumps(trial.config, indent=1) + "\n", **self.subject.files}
             for file, text in texts.items():
-                (folder / file).write_text(text)
+                (folder / file).write_text(text, encoding="utf-8")
             self.store.log_files(run.id, [folder / file for file in texts], "")
             self.store.log_files(run.id, self.subject.draw(trial, last, folder), "pictures")
         self.store.set_tags(

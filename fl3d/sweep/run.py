@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 
+from fl3d.core import interrupts
 from fl3d.core.leases import Lease, leased
 from fl3d.runs.retention import Tidy
 from fl3d.store.base import Store
@@ -90,12 +92,11 @@ def run_sweep(
             recorder = Recorder(store, scores, subject(prepared, store, scores), progress.say)
             prepared.sweeper.consult(Disk(prepared, costs, progress.say))
             try:
-                return _loop(prepared, scheduler, recorder, scores, progress, lease)
+                with closing(scheduler):  # its stages end first: the store may not answer
+                    return _loop(prepared, scheduler, recorder, scores, progress, lease)
             except BaseException:
                 recorder.interrupt()
                 raise
-            finally:
-                scheduler.close()
 
 
 def _loop(
@@ -112,6 +113,7 @@ def _loop(
     tidy = Tidy(prepared.layout, prepared.settings.store.keep_every)
     curve = scores.curve if sweeper.listens else no_curve
     while True:
+        interrupts.check()
         lease.check()
         scheduler.step(plan)  # collect what ended, start what is ready
         standings = stand(plan, scheduler.outcome, curve)

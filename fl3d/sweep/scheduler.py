@@ -227,7 +227,7 @@ class Scheduler:
     def _reason(self, folder: RunFolder, state: JobState) -> str:
         if state is JobState.KILLED:
             return f"killed {self._tries[folder.key]} times without making progress"
-        trace = folder.error.read_text() if folder.error.exists() else ""
+        trace = folder.error.read_text(encoding="utf-8") if folder.error.exists() else ""
         return (
             trace or _unwritable(folder) or "ended without a traceback; see the logs in its folder"
         )

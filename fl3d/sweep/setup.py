@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import socket
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from fl3d.config.places import own_folders
 from fl3d.config.settings import Settings, read_settings
@@ -39,6 +40,7 @@ class Prepared:
         data: where the frames lie.
         planner: lays out what the sweeper proposes.
         plan: of the trials that are known beforehand.
+        words: of the command line; empty: it was not started from one.
         looks_before: of the plan that an earlier start has left, see ``runs.plans.FrozenPlan``.
     """
 
@@ -48,6 +50,7 @@ class Prepared:
     planner: Planner
     plan: Plan
     looks_before: tuple[int, ...]
+    words: tuple[str, ...] = ()
 
     @property
     def layout(self) -> StoreFolder:
@@ -60,8 +63,12 @@ class Prepared:
         return self.settings.data.folder(self.data.root)
 
 
-def prepare_sweep(sweeper: Sweeper) -> Prepared:
+def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
     """Find or simulate the data, and plan what the sweeper proposes first.
+
+    Args:
+        sweeper: proposes the trials.
+        words: of the command line, which the plan keeps.
 
     Raises:
         ConfigError: there are no trials, they cannot be run, or what they come to cannot be written.
@@ -86,6 +93,7 @@ def prepare_sweep(sweeper: Sweeper) -> Prepared:
         planner=planner,
         plan=plan,
         looks_before=_looks_before(settings),
+        words=tuple(words),
     )
 
 
@@ -134,7 +142,7 @@ def freeze(prepared: Prepared, plan: Plan) -> None:
         earlier = read_plan(path).stages
     except StoreError:  # the first start, or one of another version
         earlier = set()
-    write_plan(path, prepared.planner.frozen(plan, earlier))
+    write_plan(path, replace(prepared.planner.frozen(plan, earlier), words=prepared.words))
 
 
 def _refuse_other_reading(layout: StoreFolder, plan: Plan) -> None:
@@ -178,7 +186,7 @@ def subject(prepared: Prepared, store: Store, scores: Scoreboard) -> Subject:
     made_by = provenance()
     changes = uncommitted() if "fl3d.diff" in made_by else ""
     return Subject(
-        experiment=store.experiment(settings.experiment, note(settings)),
+        experiment=store.experiment(settings.stored_as, note(settings)),
         factor=prepared.planner.design.factor,
         best_among=settings.best_among,
         dataset=(settings.folder_name, prepared.data.digest),

@@ -115,7 +115,7 @@ def wait_for_earlier(records: Path, seconds: float) -> None:
     Raises:
         TrainingError: one still does.
     """
-    with records.open("a") as file:
+    with records.open("a", encoding="utf-8") as file:
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             try:
@@ -132,7 +132,11 @@ def read_exits(records: Path) -> list[Exit]:
     """What the starts of a command came to, first to last."""
     if not records.exists():
         return []
-    return [Exit(**json.loads(line)) for line in records.read_text().splitlines() if line.strip()]
+    return [
+        Exit(**json.loads(line))
+        for line in records.read_text(encoding="utf-8").splitlines()
+        if line.strip()
+    ]
 
 
 def tail(log: Path) -> str:
