@@ -48,7 +48,9 @@ def doubled_or_lost(root: Path) -> list[str]:
                 lost = [key for key in keys if (stages, int(step), key) not in found]
                 wrong += [f"score {checkpoint} {key} is missing" for key in lost]
     models = "SELECT source_run_id, name, COUNT(*) FROM logged_models GROUP BY source_run_id, name"
-    wrong += [f"model {run} {name} stands {n} times" for run, name, n in _rows(root, models) if n != 1]
+    wrong += [
+        f"model {run} {name} stands {n} times" for run, name, n in _rows(root, models) if n != 1
+    ]
     return wrong
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from tests.campaigns import checks
 from tests.campaigns.parts import PARTS, Part, forget, share
-from tests.campaigns.phases import phases
+from tests.campaigns.phases import FIRST, phases
 from tests.campaigns.runner import Asked, Found, main
 from tests.campaigns.server import Server
 from tests.campaigns.starts import Start, descendants, kill, load, orphans
@@ -50,6 +50,7 @@ class Trial:
         self.failed: Counter[str] = Counter()  # starts that ended with an error, by what they said
         self.server = Server(work / "mlflow") if part.server else None
         self._seen: set[str] = set()
+        self._is_fresh = True  # whether nothing was waited for since the start
 
     def run(self, count: int) -> None:
         """Kill so often, and compare."""
@@ -68,6 +69,7 @@ class Trial:
                 self.server.kill()
 
     def _start(self) -> Start:
+        self._is_fresh = True
         return Start(self._words(self.work), self.work / "log.txt")
 
     def _words(self, work: Path) -> list[str]:
@@ -95,7 +97,8 @@ class Trial:
 
     def _kill(self, start: Start) -> None:
         """Wait for a phase that had few kills, and kill."""
-        aims = self.part.aims
+        aims = [one for one in self.part.aims if self._is_fresh or one not in FIRST]
+        self._is_fresh = False
         had = Counter({phase: 0 for phase in aims})
         for (phase, _), number in self.kills.items():
             had[phase] += number
@@ -120,7 +123,10 @@ class Trial:
         self._seen = checks.checkpoints(self.work / "runs")
         kill(hit)
         self.kills[where, victim] += 1
-        print(f"{self.part.name} {self.kills.total()}: {victim} in {where}", flush=True)
+        print(
+            f"{time.strftime('%T')} {self.part.name} {self.kills.total()}: {victim} in {where}",
+            flush=True,
+        )
         self._after(victim, start)
 
     def _victims(self, victim: str, start: Start, stages: set[int]) -> list[int]:
@@ -193,7 +199,10 @@ class Trial:
         """A sweep that came to its end against the undisturbed one."""
         self.ended += 1
         name, root = self.part.name, self.work / "runs"
-        wrong = [f"{one} differs" for one in checks.differing(self.expected, checks.contents(self.work / "results"))]
+        wrong = [
+            f"{one} differs"
+            for one in checks.differing(self.expected, checks.contents(self.work / "results"))
+        ]
         if self.part.server:
             root = self.work / "mlflow"
         wrong += checks.doubled_or_lost(root) + checks.still_running(root)

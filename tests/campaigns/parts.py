@@ -96,8 +96,13 @@ PARTS = (
         "study",
         (
             *("-m", "sweep.name=study", "loss.gamma=interval(0,5)", "hydra/sweeper=optuna"),
-            *("hydra.sweeper.n_trials=4", "hydra.sweeper.sampler._target_=optuna.samplers.QMCSampler"),
-            *("hydra.sweeper.enqueue=[{{loss.gamma:0}},{{loss.gamma:1}},{{loss.gamma:2}},{{loss.gamma:3}}]",),
+            *(
+                "hydra.sweeper.n_trials=4",
+                "hydra.sweeper.sampler._target_=optuna.samplers.QMCSampler",
+            ),
+            *(
+                "hydra.sweeper.enqueue=[{{loss.gamma:0}},{{loss.gamma:1}},{{loss.gamma:2}},{{loss.gamma:3}}]",
+            ),
             *("hydra.launcher.slots=1", *OWN),
         ),
         ("worker", "server", "parent", "all"),
@@ -106,7 +111,12 @@ PARTS = (
     Part(
         "import",
         (
-            *("import", "{shared}/exp/{{level}}/seed{{seed}}/epoch_{{epoch}}/data", "--factor", "gamma"),
+            *(
+                "import",
+                "{shared}/exp/{{level}}/seed{{seed}}/epoch_{{epoch}}/data",
+                "--factor",
+                "gamma",
+            ),
             *("sweep.name=theirs", *SMALL[:3]),
         ),
         ("parent", "all"),

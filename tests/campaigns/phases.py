@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import time
 from pathlib import Path
 
 from tests.campaigns.checks import holder
 
 RECENT = 0.3  # seconds: a database written since then is being written
+FIRST = ("planning", "simulating", "opening")  # come once in a start
 PHASES = (
     "planning",  # from the start to the frozen plan
     "simulating",
@@ -37,15 +40,13 @@ def phases(work: Path, began: float) -> dict[str, set[int]]:
         found["opening"] = set()
     elif not is_planned and not simulating:
         found["planning"] = set()
-    left = 0
     for stage in (root / "stages").glob("*"):
-        left += not (stage / "done.json").exists()
         pid = holder(stage / "lease.json")
         if pid is not None and is_planned:
             found.setdefault(_of_stage(stage), set()).add(pid)
     if is_planned and _is_being_written(root):
         found["recording"] = set()
-    if is_planned and not left and any((root / "stages").glob("*")):
+    if is_planned and _is_trained(root):
         found["closing"] = set()
     return found
 
@@ -62,6 +63,17 @@ def _of_stage(stage: Path) -> str:
 
 def _newest(stage: Path, pattern: str) -> str:
     return max((path.stem for path in stage.glob(pattern) if path.stem.isdigit()), default="")
+
+
+def _is_trained(root: Path) -> bool:
+    """Whether all stages that a plan names are done."""
+    for path in (root / "plans").glob("*.json"):
+        with contextlib.suppress(OSError, ValueError, KeyError):
+            trials = json.loads(path.read_text())["trials"]
+            named = {key for trial in trials for key in trial["stages"]}
+            if any(not (root / "stages" / key / "done.json").exists() for key in named):
+                return False
+    return True
 
 
 def _is_being_written(root: Path) -> bool:
