@@ -11,7 +11,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from fl3d.core.errors import StoreError
-from fl3d.core.leases import holder_of
+from fl3d.core.leases import living
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.plans import named_stages
 from fl3d.runs.retention import superfluous_weights
@@ -111,10 +111,8 @@ def clean(
 
 
 def _refuse_while_running(layout: StoreFolder) -> None:
-    for lease in layout.plans.glob("*.lease"):
-        holder = holder_of(lease)
-        if holder is not None:
-            raise StoreError(f"{lease.stem} is being run by {holder}; nothing is deleted meanwhile")
+    for lease, holder in living(layout.plans.glob("*.lease")).items():
+        raise StoreError(f"{lease.stem} is being run by {holder}; nothing is deleted meanwhile")
 
 
 def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Findings:
@@ -139,10 +137,9 @@ def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Finding
 
 def _idle_runs(layout: StoreFolder) -> Iterator[RunFolder]:
     """Stages that nobody trains now."""
-    for path in sorted(layout.stages.glob("*")):
-        run = RunFolder(path)
-        if run.spec.exists() and holder_of(run.lease) is None:
-            yield run
+    every = [RunFolder(path) for path in sorted(layout.stages.glob("*"))]
+    held = living(run.lease for run in every)
+    yield from (run for run in every if run.spec.exists() and run.lease not in held)
 
 
 def _find_weights(run: RunFolder, keep_every: int | None, found: Findings) -> None:

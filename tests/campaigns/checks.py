@@ -82,9 +82,9 @@ def left_over(root: Path, whole: Path) -> list[str]:
     found = []
     for path in root.rglob("*"):
         is_temporary = path.name.startswith(".") and path.name.endswith(".tmp")
-        if path.is_file() and not is_temporary and not path.name.endswith(NOISE):
-            if _kind(path, root) not in known:
-                found.append(f"{path.relative_to(root)} is left over")
+        is_known = is_temporary or path.name.endswith(NOISE) or _kind(path, root) in known
+        if path.is_file() and not is_known:
+            found.append(f"{path.relative_to(root)} is left over")
     return found
 
 

@@ -2,8 +2,8 @@
 
     python -m tests.campaigns.malformed --seed 0
 
-The answer to a mistake has exit code 2 (1 where a stage failed on it), no traceback, a few lines, and names what is wrong:
-the key of a word, the file that was spoilt. Files that fl3d can make again may be mended instead, without a word.
+The answer to a mistake has exit code 2 (1 where a stage failed on it), no traceback, a few lines, and names what is
+wrong: the key of a word, the file that was spoilt. Files that fl3d can make again may be mended instead, without a word.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tests.campaigns.malformed_files import FILES, Spoilt
 from tests.campaigns.malformed_words import CONFIGS, WORDS
 from tests.campaigns.parts import SMALL, share
 from tests.campaigns.runner import Asked, Found, main
-from tests.campaigns.starts import Start, kill, descendants, load
+from tests.campaigns.starts import Start, descendants, kill, load
 
 SECONDS = 120.0  # a case may take, on a machine that does much else
 LINES = 12  # of an answer: a sentence, perhaps a list of what was possible

@@ -2,9 +2,10 @@
 
     python -m tests.campaigns.slow_disk --seed 0
 
-Every call on a file of the store is delayed at random; locks succeed without locking, or fail; a folder's listing may
-lack what was written just now; one call in some hundreds ends in ESTALE, EIO or EAGAIN. Two sweeps that share their stages
-run on it at once and are started again until they end. Each end must be 0 or a clear error, and nothing may be lost or doubled.
+Calls on files of the store are delayed at random; locks succeed without locking, or fail; a folder's listing may
+lack what was written just now; one call in some thousands ends in ESTALE, EIO or EAGAIN. Two sweeps that share their
+stages run on it at once, and are started again until they end. Each start must end with 0 or a clear error, and nothing
+may be lost or doubled.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python -m tests.campaigns.together --seed 0
 
-Each must end with 0, or say in one sentence that another runs the sweep. Frames are simulated once, each stage is trained
-once, and the tables of all are the same.
+Each must end with 0, or say in one sentence that another runs the sweep. Each stage is trained once, and the tables of
+all are the same.
 """
 
 from __future__ import annotations
