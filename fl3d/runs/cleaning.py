@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,12 +10,12 @@ from pathlib import Path
 from tqdm import tqdm
 
 from fl3d.core.errors import StoreError
+from fl3d.core.files import TEMPORARY, is_old_temporary
 from fl3d.core.leases import living
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.plans import named_stages
 from fl3d.runs.retention import superfluous_weights
 
-OLD_SECONDS = 3600.0  # a temporary file of this age belongs to a process that was killed
 SHOWN = 5  # files of a kind that are named
 
 
@@ -138,8 +137,9 @@ def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Finding
 def _idle_runs(layout: StoreFolder) -> Iterator[RunFolder]:
     """Stages that nobody trains now."""
     every = [RunFolder(path) for path in sorted(layout.stages.glob("*"))]
-    held = living(run.lease for run in every)
-    yield from (run for run in every if run.spec.exists() and run.lease not in held)
+    runs = [run for run in every if run.spec.exists()]
+    held = living(run.lease for run in runs)
+    yield from (run for run in runs if run.lease not in held)
 
 
 def _find_weights(run: RunFolder, keep_every: int | None, found: Findings) -> None:
@@ -151,8 +151,8 @@ def _find_weights(run: RunFolder, keep_every: int | None, found: Findings) -> No
 
 
 def _temporary(root: Path) -> Iterator[Waste]:
-    for path in sorted(root.rglob(".*.tmp")):
-        if time.time() - path.stat().st_mtime > OLD_SECONDS:
+    for path in sorted(root.rglob(TEMPORARY)):
+        if is_old_temporary(path):
             yield Waste("temporary files of processes that were killed", path)
 
 

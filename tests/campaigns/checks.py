@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 NOISE = ("-wal", "-shm", ".lease", ".guard", ".log")  # of files that come and go
@@ -19,13 +19,15 @@ def contents(folder: Path) -> dict[str, bytes]:
     }
 
 
-def differing(expected: dict[str, bytes], found: dict[str, bytes], but: str = "") -> list[str]:
-    """Names of files that are missing, too many or of other bytes."""
-    names = sorted({*expected, *found})
+def differing(
+    expected: dict[str, bytes], found: dict[str, bytes], but: Sequence[str] = ()
+) -> list[str]:
+    """Names of files that are missing, too many or of other bytes; not of those that have a part of ``but``."""
+    names = [name for name in sorted({*expected, *found}) if not name.endswith(".tmp")]
     return [
         name
         for name in names
-        if expected.get(name) != found.get(name) and not (but and but in name)
+        if expected.get(name) != found.get(name) and not any(part in name for part in but)
     ]
 
 
@@ -47,7 +49,8 @@ def doubled_or_lost(root: Path) -> list[str]:
             if stage in stages.split():
                 lost = [key for key in keys if (stages, int(step), key) not in found]
                 wrong += [f"score {checkpoint} {key} is missing" for key in lost]
-    models = "SELECT source_run_id, name, COUNT(*) FROM logged_models GROUP BY source_run_id, name"
+    models = """SELECT source_run_id, name, COUNT(*) FROM logged_models
+                WHERE lifecycle_stage = 'active' GROUP BY source_run_id, name"""
     wrong += [
         f"model {run} {name} stands {n} times" for run, name, n in _rows(root, models) if n != 1
     ]
@@ -88,9 +91,9 @@ def left_over(root: Path, whole: Path) -> list[str]:
     return found
 
 
-def temporary(folder: Path) -> list[str]:
+def temporary(folder: Path) -> list[Path]:
     """Temporary files below a folder."""
-    return [f"{path} is left over" for path in folder.rglob("*.tmp")]
+    return list(folder.rglob("*.tmp"))
 
 
 def _kind(path: Path, root: Path) -> str:

@@ -31,6 +31,7 @@ class Part:
         aims: phases to wait for.
         before: brings about what it needs, given the folder that parts share and its own.
         server: whether its scores go to an MLflow server.
+        differs: parts of names of result files that may differ: a study numbers the trials that were killed, too.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Part:
     aims: tuple[str, ...]
     before: Callable[[Path, Path], None] = lambda shared, work: None
     server: bool = False
+    differs: tuple[str, ...] = ()
 
     def command(self, shared: Path, work: Path) -> list[str]:
         """Its words with all places filled in."""
@@ -80,7 +82,7 @@ PARTS = (
     Part(
         "command",
         ("-m", "sweep.name=command", "loss.gamma=0,2", "seeds=2", *OWN),
-        ("worker", "server", "program", "parent", "all"),
+        ("worker", "server", "program", "guard", "parent", "all"),
         COMMAND,
     ),
     Part(
@@ -103,10 +105,11 @@ PARTS = (
             *(
                 "hydra.sweeper.enqueue=[{{loss.gamma:0}},{{loss.gamma:1}},{{loss.gamma:2}},{{loss.gamma:3}}]",
             ),
-            *("hydra.launcher.slots=1", *OWN),
+            *("hydra.launcher.slots=1", "sweep.baseline=0", *OWN),
         ),
         ("worker", "server", "parent", "all"),
         COMMAND,
+        differs=("tables/study_", "scores/study.json"),
     ),
     Part(
         "import",

@@ -97,7 +97,7 @@ def _compare(work: Path, starts: list[Start], names: list[str], found: Found) ->
         found.check(False, f"{work.name}: {wrong}")
     for folder in ("runs", "results", "data"):
         for wrong in checks.temporary(work / folder):
-            found.check(False, f"{work.name}: {wrong}")
+            found.check(False, f"{work.name}: {wrong} is left over")
 
 
 def campaign(asked: Asked) -> Found:
