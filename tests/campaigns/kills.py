@@ -4,7 +4,7 @@
 
 Each kill is a SIGKILL of a worker, of the fork server, of a command's program or its guard, of the parent, of an MLflow
 server, or of all at once; then the same command resumes. In the end the results are those of an undisturbed sweep to
-the byte, the store holds each score once, no run is RUNNING, no process is left, nor a file that `clean` would not delete.
+the byte, the store holds each score once, no run is RUNNING, no process is left, nor a file that nothing removes.
 """
 
 from __future__ import annotations

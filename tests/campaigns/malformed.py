@@ -3,7 +3,7 @@
     python -m tests.campaigns.malformed --seed 0
 
 The answer to a mistake has exit code 2 (1 where a stage failed on it), no traceback, a few lines, and names what is
-wrong: the key of a word, the file that was spoilt. Files that fl3d can make again may be mended instead, without a word.
+wrong: the key of a word, the file that was spoilt. Files that fl3d can make again may be mended without a word.
 """
 
 from __future__ import annotations
@@ -87,7 +87,9 @@ def words_cases(shared: Path, work: Path) -> list[Case]:
     cases = []
     for text, names in WORDS:
         words = text if isinstance(text, list) else text.split()
-        words = [word.format(shared=shared, work=work) for word in words]
+        places_of = {"{shared}": str(shared), "{work}": str(work)}
+        for place, path in places_of.items():
+            words = [word.replace(place, path) for word in words]
         filled: list[str] = []
         for word in words:
             filled += ["detector=fcn3d", *small, *places] if word == "SMALL" else [word]

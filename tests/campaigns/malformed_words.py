@@ -153,8 +153,8 @@ WORDS: list[tuple] = [  # type: ignore[type-arg]
     (["simulate", "{work}/sim", "--frames", "-3"], "frames"),
     (["simulate", "/proc/nowhere", "--frames", "2"], "/proc/nowhere"),
     (["stage", "/nonexistent"], "/nonexistent"),
-    (["import", "/nonexistent/{{level}}", "sweep.name=x"], "/nonexistent"),
-    (["import", "/nonexistent/{{lvl}}", "sweep.name=x"], "lvl"),
+    (["import", "/nonexistent/{level}", "sweep.name=x"], "/nonexistent"),
+    (["import", "/nonexistent/{lvl}", "sweep.name=x"], "lvl"),
     (["import", "/nonexistent.csv", "sweep.name=x"], "/nonexistent.csv"),
     (["publish", "foo=bar"], "foo"),
 ]
