@@ -4,7 +4,7 @@
 
 A process plays a machine: it has a host name and a boot of its own, and stamps files by a clock that is ahead or
 behind, as clients of Lustre, CephFS and sshfs do; locks are not kept. Time runs twenty times as fast: a minute's
-lease is three seconds. At no time may two of them hold the lease, and that of a dead one must pass on in a bounded time.
+lease is three seconds. At no time may two of them hold the lease, and that of a dead one must pass on in bounded time.
 """
 
 from __future__ import annotations
