@@ -162,7 +162,11 @@ def read_exits(records: Path) -> list[Exit]:
     """What the starts of a command came to, first to last."""
     if not records.exists():
         return []
-    return [Exit(**json.loads(line)) for line in records.read_text().splitlines() if line.strip()]
+    exits = []
+    for line in records.read_text(encoding="utf-8", errors="replace").splitlines():
+        with contextlib.suppress(ValueError, TypeError):  # of a guard that was killed as it wrote
+            exits.append(Exit(**json.loads(line)))
+    return exits
 
 
 def tail(log: Path) -> str:

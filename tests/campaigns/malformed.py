@@ -61,7 +61,7 @@ def judge(case: Case, work: Path, found: Found) -> str:
     if start.code == 0:
         return "mended"
     answer = _answer(said)
-    if len(answer.splitlines()) > LINES:
+    if len(answer.splitlines()) > LINES and case.words[0] != "check":  # that is a report
         found.check(False, f"{case.name}: {len(answer.splitlines())} lines: {answer[:300]}")
         return "long"
     if case.names and not any(name in answer for name in case.names):

@@ -23,7 +23,7 @@ SEARCH = [
 NEW = ["-m", *GRID[:-1], "sweep.name=new", "store.root=COPY/new", "hydra/launcher=inline"]
 LABELS, RESULTS = "COPY/data/training/label_2", "COPY/exp/0/seed0/epoch_5/data"
 EVALUATE = ["evaluate", LABELS, RESULTS]
-CHECK = ["check", "COPY/data"]
+CHECK = ["check", "COPY/data", "--picture", "COPY/check.png"]
 COMPARE = ["compare", LABELS, f"a={RESULTS}", "b=COPY/exp/1/seed0/epoch_5/data"]
 IMPORT = ["import", "COPY/list.csv", *SMALL[:3], *SMALL[6:], "sweep.name=theirs"]
 FRAME = "000008"  # of the validation split

@@ -468,6 +468,13 @@ def test_a_command_whose_guard_was_killed_is_ended_and_run_again(
     assert folder.steps()[-1] == 2
 
 
+def test_a_line_that_a_killed_guard_has_half_written_is_passed_over(tmp_path: Path) -> None:
+    records = tmp_path / "exits.jsonl"
+    whole = {"started": 1.0, "ended": 2.0, "code": 0, "by_fl3d": False}
+    records.write_text(json.dumps(whole) + '\n{"started": 3.0, "en')
+    assert [end.code for end in read_exits(records)] == [0]
+
+
 def is_zombie(pid: int) -> bool:
     return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
 
