@@ -239,7 +239,9 @@ MADE_AGAIN = (0, 1, 2)
 FILES: list[Spoilt] = [
     *_each("label", VAL_LABEL, {k: LABELS_ODD[k] for k in LABELS_ODD if k not in TAKEN}, EVALUATE),
     *_each("label", VAL_LABEL, {k: LABELS_ODD[k] for k in TAKEN}, EVALUATE, (0, 2)),
-    *_each("label", LABEL_PATH, LABELS_ODD, CHECK),
+    *_each(
+        "label", LABEL_PATH, {k: LABELS_ODD[k] for k in LABELS_ODD if k not in TAKEN[1:]}, CHECK
+    ),
     *_each(
         "label",
         LABEL_PATH,
