@@ -25,7 +25,7 @@ LABELS, RESULTS = "COPY/data/training/label_2", "COPY/exp/0/seed0/epoch_5/data"
 EVALUATE = ["evaluate", LABELS, RESULTS]
 CHECK = ["check", "COPY/data", "--picture", "COPY/check.png"]
 COMPARE = ["compare", LABELS, f"a={RESULTS}", "b=COPY/exp/1/seed0/epoch_5/data"]
-IMPORT = ["import", "COPY/list.csv", *SMALL[:3], *SMALL[6:], "sweep.name=theirs"]
+IMPORT = ["import", "COPY/list.csv", *SMALL[:3], *SMALL[7:], "sweep.name=theirs"]
 FRAME = "000008"  # of the validation split
 TRAINING = "000002"
 
@@ -256,7 +256,7 @@ FILES: list[Spoilt] = [
     *_each("calibration", CALIB_PATH, {k: CALIBS_ODD[k] for k in ("empty", "NaN")}, NEW, (1, 2)),
     *_each("cloud", CLOUD_PATH, CLOUDS_ODD, CHECK),
     *_each("cloud", CLOUD_PATH, {"13 bytes": CLOUDS_ODD["13 bytes"]}, NEW, (1, 2)),
-    *_each("split", "data/ImageSets/val.txt", SPLITS_ODD, NEW, names=("ImageSets",)),
+    *_each("split", "data/ImageSets/val.txt", SPLITS_ODD, NEW, names=("ImageSets", "123456")),
     *_each(
         "split",
         "data/ImageSets/val.txt",
@@ -273,7 +273,7 @@ FILES: list[Spoilt] = [
         {k: JSON_ODD[k] for k in ("torn", "number")},
         ["clean", "--root", "COPY/runs", "--orphans", "--yes"],
     ),
-    *_each("spec", SPEC, JSON_ODD, ["verify", *GRID]),
+    *_each("spec", SPEC, JSON_ODD, ["verify", *GRID, "--from-weights"]),
     *_each("spec", SPEC, {k: JSON_ODD[k] for k in ("torn", "list")}, RESUME, (0, 2)),
     *_each(
         "spec",
