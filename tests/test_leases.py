@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 
 from fl3d.core import leases
 from fl3d.core.errors import StoreError
-from fl3d.core.leases import Holder, holder_of, leased
+from fl3d.core.leases import Holder, holder_of, leased, living
 
 HOLD = """
 import sys, time
@@ -31,6 +32,20 @@ def other_machine(path: Path, age: float) -> Holder:
     then = time.time() - age
     os.utime(path, (then, then))
     return holder
+
+
+class Clock:
+    """Time that passes by sleeping alone."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 0.0
+        self.each: Callable[[], object] = lambda: None
+        monkeypatch.setattr(leases.time, "monotonic", lambda: self.now)
+        monkeypatch.setattr(leases.time, "sleep", self.sleep)
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+        self.each()
 
 
 def test_a_lease_is_held_by_one_and_given_back(tmp_path: Path) -> None:
@@ -73,12 +88,87 @@ def test_a_process_number_that_is_used_again_holds_nothing(tmp_path: Path) -> No
     assert holder_of(path) is None
 
 
-def test_another_machines_lease_ends_when_it_is_not_renewed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("age", [-3600.0, 0.0, 3600.0])
+def test_another_machines_lease_ends_when_it_is_seen_not_to_be_renewed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, age: float
+) -> None:
+    """Whatever time its file has: the clock of whoever stamped it may be an hour off."""
+    clock = Clock(monkeypatch)
     path = tmp_path / "lease"
-    holder = other_machine(path, age=leases.LEASE_SECONDS - 20)
+    holder = other_machine(path, age)
     assert holder_of(path) == holder
-    other_machine(path, age=leases.LEASE_SECONDS + 20)
+    clock.now += leases.LEASE_SECONDS - 1
+    assert holder_of(path) == holder
+    clock.now += 2
     assert holder_of(path) is None
+
+
+def test_another_machines_lease_that_is_renewed_is_held_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where its clock runs an hour behind ours, and even backwards."""
+    clock = Clock(monkeypatch)
+    path = tmp_path / "lease"
+    holder = other_machine(path, age=3600)
+    for age in (3590, 3580, 3570, 3600, 7200):
+        assert holder_of(path) == holder
+        clock.now += leases.LEASE_SECONDS - 1
+        other_machine(path, age)
+    assert holder_of(path) == holder
+
+
+def test_who_asks_once_is_told_after_a_minute_whether_another_machine_lives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = Clock(monkeypatch)
+    dead, alive, own = tmp_path / "dead", tmp_path / "alive", tmp_path / "own"
+    other_machine(dead, age=0)
+    other_machine(alive, age=0)
+    clock.each = lambda: other_machine(alive, age=clock.now) if clock.now > 10 else None
+    said: list[str] = []
+    with leased(own) as lease:
+        held = living([dead, alive, own, tmp_path / "none"], said.append)
+        assert set(held) == {alive, own}
+        assert held[own] == lease.holder
+    assert leases.LEASE_SECONDS < clock.now < leases.LEASE_SECONDS + 2
+    assert len(said) == 1
+
+
+def test_without_locks_one_of_two_takers_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both see a lease that is free, and neither a lock: the link decides."""
+    path = tmp_path / "lease"
+    one, other = (replace(leases._myself(), token=name) for name in ("one", "other"))
+    monkeypatch.setattr(leases, "_bury", lambda path, own: leases._claim(path, other))
+    holder = leases._take(path, one)
+    assert holder == other
+    assert json.loads(path.read_text())["token"] == "other"
+    assert list(tmp_path.glob("*.tmp")) == list(tmp_path.glob(".*.tmp")) == []
+
+
+def test_a_living_lease_that_was_put_away_by_mistake_comes_back(tmp_path: Path) -> None:
+    """Somebody took it between our look, which saw it dead, and our renaming."""
+    path = tmp_path / "lease"
+    path.write_text("torn")
+    with leased(path) as lease:
+        read = leases._read
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(leases, "_read", _first_none(read))
+            leases._bury(path, replace(lease.holder, token="late"))
+        lease.check()
+    assert not path.exists()
+    assert list(tmp_path.glob(".*.tmp")) == []
+
+
+def _first_none(read: Callable[[Path], Holder | None]) -> Callable[[Path], Holder | None]:
+    looks: list[Path] = []
+
+    def look(path: Path) -> Holder | None:
+        looks.append(path)
+        return None if len(looks) == 1 else read(path)
+
+    return look
 
 
 def test_a_lease_is_renewed_while_it_is_held(

@@ -5,15 +5,17 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import time
 import uuid
 from collections.abc import Callable
 from pathlib import Path
 
 from fl3d.core.errors import Unwritable
 
-ROOM = (
-    4 << 20
-)  # bytes: the smallest network's checkpoint has 2.1 MB, and is written beside the one before
+# Bytes: the smallest network's checkpoint has 2.1 MB, and is written beside the one before.
+ROOM = 4 << 20
+TEMPORARY = ".*.tmp"  # fits the temporary files of ``write_atomically``
+OLD_SECONDS = 3600.0  # a temporary file of this age belongs to a process that was killed
 
 
 def write_atomically(path: Path, write: Callable[[Path], object], flush: bool = True) -> None:
@@ -51,6 +53,21 @@ def _write_and_rename(path: Path, write: Callable[[Path], object], flush: bool) 
     finally:
         with contextlib.suppress(OSError):  # the disk that refused it may refuse this too
             temporary.unlink(missing_ok=True)
+
+
+def is_old_temporary(path: Path) -> bool:
+    """Whether a temporary file is of a process that was killed."""
+    try:
+        return time.time() - path.stat().st_mtime > OLD_SECONDS
+    except FileNotFoundError:
+        return False  # renamed just now
+
+
+def remove_old_temporaries(folder: Path) -> None:
+    """Remove what killed processes have left in a folder that nothing else tidies."""
+    for path in folder.rglob(TEMPORARY):
+        if is_old_temporary(path):
+            path.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

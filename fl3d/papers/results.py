@@ -14,7 +14,7 @@ from fl3d.analysis.rescore import rescore
 from fl3d.analysis.samples import Comparisons
 from fl3d.config.settings import Settings
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
-from fl3d.core.files import write_text
+from fl3d.core.files import remove_old_temporaries, write_text
 from fl3d.evaluation.average_precision import N_SAMPLES
 from fl3d.evaluation.protocol import METRICS
 from fl3d.papers.base import PaperTable
@@ -27,7 +27,7 @@ from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
 from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.plans import is_of_program
-from fl3d.runs.scores import score_file, write_score_file
+from fl3d.runs.scores import score_file, score_text, write_score_file
 
 Say = Callable[[str], None]
 GENERIC_AVERAGE = "R40"  # of tables that no paper prescribes: KITTI's own since 2019
@@ -113,25 +113,29 @@ def generic_tables(sweep: FinishedSweep, groups: Sequence[str]) -> list[Table]:
 def write_sweep(
     sweep: FinishedSweep, feeding: Callable[[PaperTable], Sequence[FinishedSweep]], say: Say
 ) -> tuple[list[Table], list[Path]]:
-    """Write a sweep's scores, tables and curves, and print the tables; they and every file written."""
+    """Write a sweep's scores, tables and curves, and print the tables; they and every file written.
+
+    The score file comes last: where it holds the scores of now, all other files are of them too.
+    """
     folder = sweep.settings.results_folder
+    remove_old_temporaries(folder)
     file = score_file(folder, sweep.name)
-    before = file.read_text(encoding="utf-8") if file.exists() else ""
-    written = write_score_file(file, sweep.scores, sweep.plan)
+    is_new = not file.exists() or file.read_text(encoding="utf-8") != score_text(sweep.scores)
     tables = make_tables(sweep, feeding)
-    written += write_tables(tables, folder)
-    if file.read_text(encoding="utf-8") != before:
+    if is_new:
         remove_views(sweep.name, tables, folder)  # of other scores: a folder shows one set
+    written = write_tables(tables, folder)
     levels = levels_of(sweep)
     figures = folder / "figures"
     last = sweep.select("last")
     written += ap_over_steps(
         sweep.scores, last, sweep.select("best"), levels, figures / f"ap_over_steps_{sweep.name}"
     )
-    bars = figures / f"ap_over_level_{sweep.name}"
-    if file.read_text(encoding="utf-8") != before or not bars.with_suffix(".png").exists():
-        ap_over_level(last, levels, bars)  # with intervals once tables are made again
-    written += [bars.with_suffix(ending) for ending in (".csv", ".png", ".pdf")]
+    stem = figures / f"ap_over_level_{sweep.name}"
+    bars = [stem.with_suffix(ending) for ending in (".csv", ".png", ".pdf")]
+    if is_new or not all(path.exists() for path in bars):
+        ap_over_level(last, levels, stem)  # with intervals once tables are made again
+    written = [*write_score_file(file, sweep.scores, sweep.plan), *written, *bars]
     for table in tables:
         say("\n" + to_markdown(table))
     say(f"Written to {folder}: " + ", ".join(str(path.relative_to(folder)) for path in written))

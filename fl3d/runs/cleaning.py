@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,12 +10,12 @@ from pathlib import Path
 from tqdm import tqdm
 
 from fl3d.core.errors import StoreError
-from fl3d.core.leases import holder_of
+from fl3d.core.files import TEMPORARY, is_old_temporary
+from fl3d.core.leases import living
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.plans import named_stages
 from fl3d.runs.retention import superfluous_weights
 
-OLD_SECONDS = 3600.0  # a temporary file of this age belongs to a process that was killed
 SHOWN = 5  # files of a kind that are named
 
 
@@ -111,11 +110,9 @@ def clean(
 
 
 def _refuse_while_running(layout: StoreFolder) -> None:
-    for lease in layout.leases():
-        holder = holder_of(lease)
-        if holder is not None:
-            name = lease.relative_to(layout.plans).with_suffix("")
-            raise StoreError(f"{name} is being run by {holder}; nothing is deleted meanwhile")
+    for lease, holder in living(layout.leases()).items():
+        name = lease.relative_to(layout.plans).with_suffix("")
+        raise StoreError(f"{name} is being run by {holder}; nothing is deleted meanwhile")
 
 
 def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Findings:
@@ -140,9 +137,9 @@ def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Finding
 
 def _idle_runs(layout: StoreFolder) -> Iterator[RunFolder]:
     """Stages that nobody trains now."""
-    for run in layout.runs():
-        if run.spec.exists() and holder_of(run.lease) is None:
-            yield run
+    runs = [run for run in layout.runs() if run.spec.exists()]
+    held = living(run.lease for run in runs)
+    yield from (run for run in runs if run.lease not in held)
 
 
 def _find_weights(run: RunFolder, keep_every: int | None, found: Findings) -> None:
@@ -155,9 +152,9 @@ def _find_weights(run: RunFolder, keep_every: int | None, found: Findings) -> No
 
 def _temporary(layout: StoreFolder) -> Iterator[Waste]:
     programs = [run.work for run in layout.runs()]
-    for path in sorted(layout.root.rglob(".*.tmp")):
+    for path in sorted(layout.root.rglob(TEMPORARY)):
         is_ours = not any(path.is_relative_to(work) for work in programs)
-        if is_ours and time.time() - path.stat().st_mtime > OLD_SECONDS:
+        if is_ours and is_old_temporary(path):
             yield Waste("temporary files of processes that were killed", path)
 
 

@@ -76,10 +76,15 @@ def score_file(folder: Path, sweep: str) -> Path:
     return folder / "scores" / f"{sweep}.csv"
 
 
+def score_text(scores: pd.DataFrame) -> str:
+    """What the file of a sweep's scores holds."""
+    return scores.to_csv(index=False, lineterminator="\n")
+
+
 def write_score_file(path: Path, scores: pd.DataFrame, plan: FrozenPlan) -> list[Path]:
-    """Write a sweep's scores, and its plan beside them; both files."""
-    write_text(path, scores.to_csv(index=False, lineterminator="\n"))
+    """Write a sweep's scores, and its plan beside them; both files, the scores last."""
     write_plan(path.with_suffix(".json"), plan)
+    write_text(path, score_text(scores))
     return [path, path.with_suffix(".json")]
 
 

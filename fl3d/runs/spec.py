@@ -16,6 +16,7 @@ from fl3d.core.files import write_text
 from fl3d.core.records import Stage
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.selection import MEAN_3D
 from fl3d.runs.layout import RunFolder
 
 
@@ -188,7 +189,7 @@ def steps_done(folder: RunFolder, stage: Stage) -> float:
         return stage.steps
     try:
         return float(json.loads(folder.progress.read_text(encoding="utf-8"))["step"])
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError):
         return 0
 
 
@@ -204,7 +205,7 @@ def read_scores(folder: RunFolder, step: int, protocol: str) -> dict[str, float]
         scores: dict[str, float] = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):  # torn: they are made again from the detections
         return None
-    return scores
+    return scores if isinstance(scores, dict) and set(MEAN_3D) <= set(scores) else None
 
 
 def write_scores(

@@ -20,7 +20,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from fl3d.core.errors import DataError
-from fl3d.core.files import write_atomically, write_text
+from fl3d.core.files import TEMPORARY, write_atomically, write_text
 from fl3d.core.interrupts import deaf_children, end_with_parent
 from fl3d.core.leases import leased
 from fl3d.data.calibration_files import write_calibration
@@ -156,8 +156,8 @@ def _claim(folder: Path, settings: Settings) -> None:
     try:
         for part in ("velodyne", "label_2", "calib", *(("image_2",) if settings.pictures else ())):
             (folder / "training" / part).mkdir(parents=True, exist_ok=True)
-            for torn in (folder / "training" / part).glob(".*.tmp"):
-                torn.unlink()  # of a process that was killed
+        for torn in folder.rglob(TEMPORARY):
+            torn.unlink()  # of a process that was killed
         write_text(note, json.dumps(_tell(settings), indent=1) + "\n")
     except OSError as error:
         raise DataError(f"cannot be written ({error.strerror})", folder) from None

@@ -77,4 +77,7 @@ def _read(path: Path) -> dict[str, list[str]] | None:
         texts: dict[str, list[str]] = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):  # the first start, or a torn file
         return None
-    return texts
+    is_whole = isinstance(texts, dict) and all(
+        isinstance(texts.get(name), list) for name in ("errors", "lines", "warnings")
+    )
+    return texts if is_whole else None

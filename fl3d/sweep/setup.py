@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from fl3d.config.places import own_folders
 from fl3d.config.settings import Settings, read_settings
 from fl3d.core.errors import ConfigError, StoreError
-from fl3d.core.leases import holder_of
+from fl3d.core.leases import living
 from fl3d.core.provenance import provenance, uncommitted
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.detections import read_validation
@@ -171,9 +171,8 @@ def refuse_several_machines(store: Store, layout: StoreFolder) -> None:
     """
     if not store.is_for_one_machine:
         return
-    for path in layout.leases():
-        holder = holder_of(path)
-        if holder is not None and holder.host != socket.gethostname():
+    for path, holder in living(layout.leases()).items():
+        if holder.host != socket.gethostname():
             raise StoreError(
                 f"{path}: {holder} runs a sweep on this store, and SQLite is for one machine at a time; "
                 "give both a server: store.uri=postgresql://USER@HOST/NAME or http://HOST:PORT"

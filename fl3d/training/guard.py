@@ -3,6 +3,7 @@
 The command has a process group of its own. When it has ended, or this process's input is closed (its starter ends it,
 or has died of whatever), or it is asked to end, the whole group gets SIGTERM, and after some seconds SIGKILL. A line of
 JSON is then added to a file: when it started and ended, and its exit code (negative: the signal that ended it).
+Beside that file lies RECORDS.running while the command runs: its process group, for whoever finds this process killed.
 
     python guard.py RECORDS GRACE_SECONDS ARGUMENT...
 """
@@ -41,12 +42,24 @@ def main(records: str, grace: float, command: list[str]) -> int:
             print(f"{command[0]}: {error.strerror}", flush=True)
             _record(file, started, NO_PROGRAM, False)
             return NO_PROGRAM
+        with open(f"{records}.running", "w") as running:
+            json.dump({"group": child.pid, "began": began(child.pid)}, running)
         while child.poll() is None and not asked and not _is_alone():
             pass
         was_ended = child.poll() is None
         _end_group(child, grace)
         _record(file, started, child.returncode, was_ended)
+        os.unlink(f"{records}.running")
     return 0 if was_ended else child.returncode
+
+
+def began(pid: int) -> str:
+    """When a process began, in the kernel's ticks, as numbers are used again; empty where there is none."""
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rpartition(")")[2].split()[19]
+    except OSError:
+        return ""
 
 
 def _record(file: TextIO, started: float, code: int, was_ended: bool) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Self
 
@@ -66,6 +68,8 @@ class Process:
         grace_seconds: float,
     ) -> None:
         self._grace = grace_seconds
+        self._records = records
+        self._started = time.time()
         self.arguments = list(arguments)
         if not cwd.is_dir():
             raise TrainingError(f"detector.cwd: {cwd}: no such folder")
@@ -106,7 +110,10 @@ class Process:
         """Ask its whole process group to end, and end it if it does not."""
         if self._guard.stdin is not None:
             self._guard.stdin.close()
-        self._guard.wait()
+        code = self._guard.wait()
+        if code < 0:  # somebody has killed the guard, and the command runs on
+            end_unguarded(self._records)
+            _note_end(self._records, self._started, code)
 
 
 def wait_for_earlier(records: Path, seconds: float) -> None:
@@ -120,6 +127,7 @@ def wait_for_earlier(records: Path, seconds: float) -> None:
         while time.monotonic() < deadline:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                end_unguarded(records)
                 return
             except BlockingIOError:
                 time.sleep(POLL_SECONDS)
@@ -128,15 +136,37 @@ def wait_for_earlier(records: Path, seconds: float) -> None:
     raise TrainingError(f"{records.parent}: an earlier start of its command has not ended yet")
 
 
+def end_unguarded(records: Path) -> None:
+    """End a command whose guard was killed; it would write where the next start writes."""
+    running = records.with_name(f"{records.name}.running")
+    try:
+        written = json.loads(running.read_text())
+        group, started = int(written["group"]), str(written["began"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    # A group whose first process has gone keeps its number as long as it has others.
+    if guard.began(group) in ("", started):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(group, signal.SIGKILL)
+    running.unlink(missing_ok=True)
+
+
+def _note_end(records: Path, started: float, code: int) -> None:
+    """Add the line that a killed guard could not."""
+    found = Exit(started=started, ended=time.time(), code=code, by_fl3d=True)
+    with records.open("a") as file:
+        file.write(json.dumps(asdict(found)) + "\n")
+
+
 def read_exits(records: Path) -> list[Exit]:
     """What the starts of a command came to, first to last."""
     if not records.exists():
         return []
-    return [
-        Exit(**json.loads(line))
-        for line in records.read_text(encoding="utf-8").splitlines()
-        if line.strip()
-    ]
+    exits = []
+    for line in records.read_text(encoding="utf-8", errors="replace").splitlines():
+        with contextlib.suppress(ValueError, TypeError):  # of a guard that was killed as it wrote
+            exits.append(Exit(**json.loads(line)))
+    return exits
 
 
 def tail(log: Path) -> str:

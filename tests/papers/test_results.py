@@ -1,5 +1,7 @@
 """What a results folder shows of a sweep, and that it can make it again from its scores."""
 
+import os
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +11,7 @@ import pytest
 
 from fl3d.analysis.found import Judged, judge_sweep
 from fl3d.core.errors import ConfigError, StoreError
+from fl3d.core.files import OLD_SECONDS
 from fl3d.papers.base import PaperTable
 from fl3d.papers.course_report.frustum_tables import DETECTORS, FRUSTUM
 from fl3d.papers.focal_loss.published_cells import published_table
@@ -150,6 +153,50 @@ def test_a_folder_shows_one_set_of_scores(tmp_path: Path) -> None:
     made, _ = write_sweep(some, alone, lambda line: None)
     assert [table.name for table in made] == ["III", "IV"]
     assert not (tables / "table_III_intervals.md").exists()
+
+
+def test_what_a_kill_left_undrawn_is_drawn_by_the_next_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bars of the scores before would stay for ever if the scores of now were there already."""
+    sweep = gamma_sweep(tmp_path)
+    write_sweep(sweep, alone, lambda line: None)
+    folder = sweep.settings.results_folder
+    some = without(sweep, lambda trial: trial.detector == "3D-FCN")
+    with monkeypatch.context() as patch:
+        patch.setattr("fl3d.papers.results.ap_over_level", killed)
+        with pytest.raises(KeyboardInterrupt):
+            write_sweep(some, alone, lambda line: None)
+    _, written = write_sweep(some, alone, lambda line: None)
+    assert all(path.exists() for path in written)
+    assert len(pd.read_csv(folder / "figures" / "ap_over_level_gamma.csv")) == 7
+
+
+def killed(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_a_figure_of_which_a_kill_left_one_form_is_drawn_again(tmp_path: Path) -> None:
+    sweep = gamma_sweep(tmp_path)
+    _, written = write_sweep(sweep, alone, lambda line: None)
+    (pdf,) = (path for path in written if path.name == "ap_over_level_gamma.pdf")
+    before = pdf.read_bytes()
+    pdf.unlink()
+    write_sweep(sweep, alone, lambda line: None)
+    assert pdf.read_bytes() == before
+
+
+def test_temporary_files_of_killed_processes_go_from_a_results_folder(tmp_path: Path) -> None:
+    sweep = gamma_sweep(tmp_path)
+    folder = sweep.settings.results_folder / "figures"
+    folder.mkdir(parents=True)
+    old, new = folder / ".a.pdf.1.tmp", folder / ".b.pdf.2.tmp"
+    for path, age in ((old, OLD_SECONDS + 60), (new, OLD_SECONDS - 60)):
+        path.touch()
+        os.utime(path, (time.time() - age,) * 2)
+    write_sweep(sweep, alone, lambda line: None)
+    assert not old.exists()
+    assert new.exists()
 
 
 def test_a_sweep_of_no_paper_has_a_table_for_each_group(tmp_path: Path) -> None:

@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 from fl3d.core.errors import StoreError
+from fl3d.core.files import OLD_SECONDS
 from fl3d.core.leases import leased
 from fl3d.core.records import Stage, Trial
 from fl3d.evaluation.protocol import Protocol
-from fl3d.runs.cleaning import OLD_SECONDS, clean
+from fl3d.runs.cleaning import clean
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.plans import FrozenPlan, freeze, write_plan
 from fl3d.runs.spec import Machine, Spec, write_done, write_spec

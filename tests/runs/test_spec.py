@@ -129,10 +129,20 @@ def test_progress_is_what_the_stage_last_said(folder: RunFolder) -> None:
 def test_scores_are_kept_by_protocol(folder: RunFolder) -> None:
     assert read_scores(folder, 130, PROTOCOL.id) is None
     assert folder.protocols() == []
-    write_scores(folder, 130, PROTOCOL, {"ap_3d/easy": 0.1 + 0.2})
-    assert read_scores(folder, 130, PROTOCOL.id) == {"ap_3d/easy": 0.1 + 0.2}
+    scores = {"ap_3d/easy": 0.1 + 0.2, "ap_3d/moderate": 0.2, "ap_3d/hard": 0.0}
+    write_scores(folder, 130, PROTOCOL, scores)
+    assert read_scores(folder, 130, PROTOCOL.id) == scores
     assert read_scores(folder, 130, "another") is None
     assert folder.protocols() == [PROTOCOL.id]
+
+
+@pytest.mark.parametrize("text", ["", "{", "3", "null", "[1]", '{"foo": 1}'])
+def test_what_is_no_score_and_no_progress_counts_as_none(folder: RunFolder, text: str) -> None:
+    for path in (folder.progress, folder.scores(130, PROTOCOL.id)):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    assert steps_done(folder, STAGE) == 0
+    assert read_scores(folder, 130, PROTOCOL.id) is None
 
 
 def checkpoint(folder: RunFolder, step: int, weights: bool = True) -> None:

@@ -31,6 +31,11 @@ def test_three_lines_are_said_and_a_second_start_reads_them(
     again: list[str] = []
     check_start(prepared, again.append)
     assert again == said
+    (kept,) = (tmp_path / "runs" / "checks").glob("*.json")
+    for text in ("{", "3", "[]", '{"errors": []}'):  # no look of ours
+        kept.write_text(text)
+        with pytest.raises(AssertionError, match="looked again"):
+            check_start(prepared, again.append)
     changed = small_sweep(simulated, tmp_path, POINTS, "protocol=kitti")
     with pytest.raises(AssertionError, match="looked again"):
         check_start(changed, again.append)

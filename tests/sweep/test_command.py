@@ -1,9 +1,11 @@
 """A stage that is a command: planned, run, scored, ended, resumed and refused, by a program of the tests' own."""
 
+import contextlib
 import json
 import os
 import re
 import signal
+import subprocess
 import threading
 import time
 from collections.abc import Callable
@@ -28,7 +30,9 @@ from fl3d.sweep.plan import Plan
 from fl3d.sweep.progress import Progress
 from fl3d.sweep.setup import Prepared, machine, prepare_sweep
 from fl3d.sweep.sweepers.grid import Listed, point_of
+from fl3d.training import guard
 from fl3d.training.command_run import CommandRun
+from fl3d.training.process import read_exits, wait_for_earlier
 from tests.support import run_small
 
 PROGRAM = Path(tests.example_program.__file__)
@@ -432,3 +436,67 @@ def test_what_an_interrupted_start_left_half_written_is_put_aside(make: Make) ->
     assert folder.steps() == [2]
     assert not results.exists()
     assert len(list(results.parent.glob("data.unfinished-*"))) == 1
+
+
+def test_a_command_whose_guard_was_killed_is_ended_and_run_again(
+    make: Make, tmp_path: Path
+) -> None:
+    """It would write on beside the next start of it."""
+    sweep = make([["loss.gamma=0"]], schedule="from_scratch", run=[*RUN, "--slow=0.5"])
+    folder = only(sweep)
+    running = folder.command_exits.with_name("exits.jsonl.running")
+    groups: list[int] = []
+
+    def kill_guard() -> None:
+        deadline = time.monotonic() + 120
+        while not groups and time.monotonic() < deadline:
+            with contextlib.suppress(OSError, ValueError):
+                groups.append(json.loads(running.read_text())["group"])
+            time.sleep(0.01)
+        status = Path(f"/proc/{groups[0]}/stat").read_text().rpartition(")")[2].split()
+        os.kill(int(status[1]), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill_guard)
+    killer.start()
+    with pytest.raises(StageFailed, match="signal 9"):
+        run_small(sweep)
+    killer.join()
+    assert guard.began(groups[0]) == "" or is_zombie(groups[0])
+    assert not running.exists()
+    (end,) = read_exits(folder.command_exits)
+    assert (end.code, end.by_fl3d) == (-signal.SIGKILL, True)
+    run_small(sweep)
+    assert folder.steps()[-1] == 2
+
+
+def test_a_line_that_a_killed_guard_has_half_written_is_passed_over(tmp_path: Path) -> None:
+    records = tmp_path / "exits.jsonl"
+    whole = {"started": 1.0, "ended": 2.0, "code": 0, "by_fl3d": False}
+    records.write_text(json.dumps(whole) + '\n{"started": 3.0, "en')
+    assert [end.code for end in read_exits(records)] == [0]
+
+
+def is_zombie(pid: int) -> bool:
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+
+
+def test_a_command_that_a_killed_guard_and_starter_left_is_ended_by_the_next_start(
+    tmp_path: Path,
+) -> None:
+    records = tmp_path / "exits.jsonl"
+    left = subprocess.Popen(["sleep", "600"], start_new_session=True)
+    stranger = subprocess.Popen(["sleep", "600"], start_new_session=True)
+    running = tmp_path / "exits.jsonl.running"
+    try:
+        running.write_text(json.dumps({"group": left.pid, "began": guard.began(left.pid)}))
+        wait_for_earlier(records, 10)
+        assert left.wait(timeout=60) == -signal.SIGKILL
+        # Its number may be somebody else's by now.
+        running.write_text(json.dumps({"group": stranger.pid, "began": "12"}))
+        wait_for_earlier(records, 10)
+        assert stranger.poll() is None
+        assert not running.exists()
+    finally:
+        for process in (left, stranger):
+            process.kill()
+            process.wait()

@@ -3,12 +3,14 @@
 import json
 import os
 import shutil
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
+from fl3d.core import leases
 from fl3d.core.errors import ConfigError, StageFailed, StoreError
 from fl3d.core.leases import Holder, leased
 from fl3d.core.records import Config
@@ -212,12 +214,17 @@ def test_the_same_sweep_is_not_started_twice(sweep: Prepared) -> None:
         run_small(sweep)
 
 
-def test_a_second_machine_is_refused_where_the_store_is_for_one(sweep: Prepared) -> None:
+def test_a_second_machine_is_refused_where_the_store_is_for_one(
+    sweep: Prepared, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """SQLite would be destroyed by two that write to it over a shared folder."""
     other = Holder("token", "elsewhere", "another system", 1, "0")
     lease = sweep.layout.lease("another-sweep")
     lease.parent.mkdir(parents=True)
     lease.write_text(json.dumps(asdict(other)))
+    wait = time.sleep
+    # It renews its lease while it is being watched.
+    monkeypatch.setattr(leases.time, "sleep", lambda seconds: (wait(seconds), os.utime(lease)))
     message = "process 1 on elsewhere runs a sweep on this store"
     with pytest.raises(StoreError, match=message):
         run_small(sweep)
