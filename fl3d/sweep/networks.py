@@ -59,7 +59,9 @@ class Networks:
             ConfigError: it cannot be.
         """
         with torch.device("meta"):
-            self._once("compile", config["detector"], lambda: build_detector(config).compile_dense())
+            self._once(
+                "compile", config["detector"], lambda: build_detector(config).compile_dense()
+            )
 
     def _once(self, kind: str, content: Any, check: Callable[[], object]) -> None:
         """Make a check unless the same content has passed it before."""

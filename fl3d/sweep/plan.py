@@ -221,6 +221,8 @@ def _merge(base: Config, changes: Mapping[str, Any]) -> Config:
     merged = dict(base)
     for key, value in changes.items():
         before = merged.get(key)
-        both = isinstance(value, Mapping) and isinstance(before, dict)
-        merged[key] = _merge(before, value) if both else value
+        if isinstance(value, Mapping) and isinstance(before, dict):
+            merged[key] = _merge(before, value)
+        else:
+            merged[key] = value
     return merged
