@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -230,10 +229,12 @@ def longest_paths(plan: Plan, seconds: Mapping[str, float]) -> dict[str, float]:
 
 
 def _merge(base: Config, changes: Mapping[str, Any]) -> Config:
-    merged = copy.deepcopy(base)
+    """A config with changes; what is not changed is shared, for configs are never written to."""
+    merged = dict(base)
     for key, value in changes.items():
-        if isinstance(value, Mapping) and isinstance(merged.get(key), Mapping):
-            merged[key] = _merge(merged[key], value)
+        before = merged.get(key)
+        if isinstance(value, Mapping) and isinstance(before, dict):
+            merged[key] = _merge(before, value)
         else:
-            merged[key] = copy.deepcopy(value)
+            merged[key] = value
     return merged

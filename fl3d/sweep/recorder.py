@@ -24,7 +24,6 @@ from fl3d.sweep.sweepers.base import Standing, TrialState
 
 Draw = Callable[[Trial, int, Path], list[Path]]
 STATUS = {TrialState.FAILED: RunStatus.FAILED, TrialState.STOPPED: RunStatus.STOPPED}
-SAY_SECONDS = 60.0
 RETRY_SECONDS = 10.0  # between calls to a store that is down
 
 
@@ -93,6 +92,11 @@ class Recorder:
         """Ids of the runs of all trials."""
         return [run.id for run in self._runs.values()]
 
+    @property
+    def is_waiting(self) -> bool:
+        """Whether the store was down when it was asked last."""
+        return self._retry_at > 0
+
     def sync(self, standings: Mapping[str, Standing]) -> bool:
         """Log every checkpoint that is on disk and not in the store, and close the runs of trials that have ended.
 
@@ -116,17 +120,6 @@ class Recorder:
             self.say("The store is back; what waited is logged.")
             self._retry_at = 0.0
         return True
-
-    def finish(self, standings: Mapping[str, Standing]) -> None:
-        """As ``sync``, but wait for a store that is down."""
-        said = time.monotonic()
-        while not self.sync(standings):
-            time.sleep(0.5)
-            if time.monotonic() - said > SAY_SECONDS:
-                said = time.monotonic()
-                self.say(
-                    "All is trained. Waiting for the store, to log what is on disk; Ctrl-C and a later start do it too."
-                )
 
     def attach(self, files: list[Path], folder: str) -> None:
         """Put the sweep's tables and figures beside every trial."""

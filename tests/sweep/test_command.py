@@ -215,7 +215,9 @@ def test_what_a_command_takes_is_known_once_one_has_run(
     progress._renew(new.plan, stages, ())
     assert "0/2 steps, ? left: Fake scratch" in capsys.readouterr().err
     assert not costs.cost(stages[0]).is_known
-    run_small(make([["seed=0"]], schedule="from_scratch", run=run))
+    before = make([["seed=0"]], schedule="from_scratch", run=run)
+    run_small(before)
+    costs.learn(before.plan.stages)
     progress._renew(new.plan, stages, ())
     assert "? left" not in capsys.readouterr().err
     assert costs.cost(stages[0]).seconds > 0.5  # two epochs of 0.3 seconds
