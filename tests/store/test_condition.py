@@ -23,6 +23,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     store.log(run, Scored(5, 1000, {"ap_3d/moderate": 50.0}))
     alone = tmp_path_factory.mktemp("alone")
     change(root, f"VACUUM INTO '{alone / 'mlflow.db'}'")
+    change(alone, "PRAGMA journal_mode=WAL")
     shutil.copy(root / "id", alone / "id")
     return alone
 
