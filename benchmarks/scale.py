@@ -116,6 +116,7 @@ class Done(Job):
     """A job that has ended."""
 
     def state(self) -> JobState:
+        """It has."""
         return JobState.DONE
 
     def cancel(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +17,7 @@ from fl3d.config.checks import check_overrides
 from fl3d.config.hydra_app import FAILURES, composed, for_hydra, hydra_says, hydra_session, searched
 from fl3d.config.overrides import chooses_group, parse, typed_words
 from fl3d.config.places import CONF, MAIN
+from fl3d.config.shared import Shared
 from fl3d.config.values import check_launcher, check_values
 from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config
@@ -102,20 +102,16 @@ def task_words(hydra: Any) -> list[str]:
 
 def multirun_of(loader: ConfigLoader, master: DictConfig, arguments: list[str]) -> Multirun:
     """The same, from what Hydra hands to a sweeper."""
-    bases: dict[tuple[str, ...], DictConfig] = {}
+    bases: dict[tuple[str, ...], Shared] = {}
 
     def compose_trial(overrides: Sequence[str]) -> Config:
-        # Composing takes a seventh of a second; trials that differ in plain values alone share one composition.
         first, last = _shared_and_own(overrides, master)
         try:
             if first not in bases:
-                bases[first] = loader.load_sweep_config(master, for_hydra(first))
-            config = copy.deepcopy(bases[first])
-            for override in last:
-                OmegaConf.update(config, override.key_or_group, override.value(), merge=True)
+                bases[first] = Shared(loader.load_sweep_config(master, for_hydra(first)), resolve)
+            return bases[first].having(last)
         except FAILURES as error:
             raise ConfigError(hydra_says(error)) from None
-        return resolve(config)
 
     sweeper, launcher = (section(master.hydra, name) for name in ("sweeper", "launcher"))
     try:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import decimal
 import itertools
 import shlex
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -32,7 +34,7 @@ def parse(line: str) -> Override:
         ConfigError: it is not in Hydra's grammar, or a glob that matches nothing.
     """
     try:
-        override = OverridesParser.create().parse_override(line)
+        override = _parsed(line)
     except HydraException as error:
         raise ConfigError(
             f"'{line}' is not KEY=VALUE in Hydra's grammar: {str(error).splitlines()[0]}{_quoted(line)}"
@@ -40,9 +42,15 @@ def parse(line: str) -> Override:
     pattern: Any = override.value()
     if isinstance(pattern, Glob):
         chosen: list[Any] = list(_matching(override.key_or_group, pattern, line))
+        override = copy.copy(override)
         override._value = ChoiceSweep(list=chosen)
         override.value_type = ValueType.CHOICE_SWEEP
     return override
+
+
+@lru_cache(maxsize=10_000)  # a large sweep has few words, each in many trials
+def _parsed(line: str) -> Override:
+    return OverridesParser.create().parse_override(line)
 
 
 def same_key(override: Override) -> str:

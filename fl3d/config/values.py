@@ -23,6 +23,8 @@ from fl3d.core.errors import ConfigError, options
 from fl3d.core.records import Config
 from fl3d.evaluation.protocol import Protocol
 
+NESTED = "${${"  # stands for a name that is itself a value: it may be any
+
 
 def check_values(config: Config, raw: Any) -> None:
     """Refuse values that cannot be, keys that nothing reads, and keys that are not there.
@@ -39,16 +41,35 @@ def check_values(config: Config, raw: Any) -> None:
         if not isinstance(found, Mapping) and not (name == "data.cloud" and found is ABSENT):
             what = "is not there" if found is ABSENT else f"'{_text(found)}'"
             raise ConfigError(f"{name}: {what}, but it is a section of keys")
-    read = set(_names_in(raw))
+    names = names_in(raw)
     for key, value in _leaves(config):
-        _check(key, value, read)
-    optimizer = config.get("optimizer")
-    if isinstance(optimizer, Mapping) and str(optimizer.get("_target_")).startswith("torch."):
-        _check_section("optimizer", optimizer, OPTIMIZER)
+        _check(key, value, names)
+    _check_optimizer(config)
     for key in RULES:
         is_needed = "*" not in key and not any(fnmatchcase(key, one) for one in OPTIONAL)
         if is_needed and _at(config, key) is ABSENT and not _is_within_null(config, key):
             raise ConfigError(f"{key}: is not there, and fl3d reads it")
+
+
+def check_value(key: str, config: Config, names: set[str]) -> None:
+    """Refuse a plain value that cannot be, of a config whose other values were checked.
+
+    Args:
+        key: in dots.
+        config: resolved.
+        names: see ``names_in``.
+
+    Raises:
+        ConfigError: naming the key, and what it may be.
+    """
+    _check(key, _at(config, key), names)
+    _check_optimizer(config)
+
+
+def _check_optimizer(config: Config) -> None:
+    optimizer = config.get("optimizer")
+    if isinstance(optimizer, Mapping) and str(optimizer.get("_target_")).startswith("torch."):
+        _check_section("optimizer", optimizer, OPTIMIZER)
 
 
 def check_launcher(section: Mapping[str, Any]) -> None:
@@ -66,7 +87,7 @@ def _check_section(name: str, section: Mapping[str, Any], rules: Mapping[str, Ru
             raise ConfigError(f"{name}.{key}: {_is_not(section[key], rule)}")
 
 
-def _check(key: str, value: Any, read: set[str]) -> None:
+def _check(key: str, value: Any, names: set[str]) -> None:
     own = re.fullmatch(r"schedule\.stages\.[^.]+\.set\.(.+)", key)
     name = own[1] if own else key
     rule = _rule(name)
@@ -76,7 +97,7 @@ def _check(key: str, value: Any, read: set[str]) -> None:
     elif name.partition(".")[0] in BY_CLASS:
         _check_finite(key, value)
         _check_protocol(key, name)
-    elif not _is_read(name, read):
+    elif not is_named(name, names):
         raise ConfigError(f"{key}: no key that anything reads. {_possible(name)}")
 
 
@@ -141,8 +162,15 @@ def _text(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _is_read(key: str, names: set[str]) -> bool:
-    """Whether a text names a key, a section that holds it or a key within it; ``.x`` lies beside the text."""
+def is_named(key: str, names: set[str]) -> bool:
+    """Whether a text names a key, a section that holds it or a key within it; ``.x`` lies beside the text.
+
+    Args:
+        key: in dots.
+        names: see ``names_in``.
+    """
+    if NESTED in names:
+        return True
     for name in names:
         if name.startswith("."):
             if f".{key}".endswith(f".{name.lstrip('.')}"):
@@ -152,8 +180,16 @@ def _is_read(key: str, names: set[str]) -> bool:
     return False
 
 
+def names_in(raw: Any) -> set[str]:
+    """Keys that the texts of a config name: ``${loss.gamma}`` of OmegaConf's, ``{loss.gamma}`` of a command.
+
+    Args:
+        raw: the config with its interpolations.
+    """
+    return set(_names_in(raw))
+
+
 def _names_in(raw: Any) -> Iterator[str]:
-    """Keys that texts name: ``${loss.gamma}`` of OmegaConf's, ``{loss.gamma}`` of a command."""
     if isinstance(raw, Mapping):
         for value in raw.values():
             yield from _names_in(value)
@@ -162,6 +198,8 @@ def _names_in(raw: Any) -> Iterator[str]:
             yield from _names_in(value)
     elif isinstance(raw, str) and "{" in raw:
         yield from re.findall(r"\{\s*([\w.]+)", raw)
+        if re.search(r"\$\{[^{}]*\$\{", raw):
+            yield NESTED
         for inside in re.findall(r"\{[\w.]+:([^}]*)\}", raw):  # arguments of a resolver
             yield from re.findall(r"[\w.]+", inside)
 
