@@ -66,7 +66,7 @@ def test_what_another_value_reads_is_resolved_anew() -> None:
     assert sharing.having([parse("schedule.epochs.warmup=9")]) == compose_config(
         [*WORDS, "loss.alpha=${seed}", "schedule.epochs.warmup=9"]
     )
-    nested = shared([*WORDS, "loss.alpha=${loss.${sweep.name}}", "sweep.name=eta"])
+    nested = shared([*WORDS, 'loss.alpha="${loss.${sweep.name}}"', "sweep.name=eta"])
     assert nested.having([parse("loss.eta=0.25")])["loss"]["alpha"] == 0.25
 
 
