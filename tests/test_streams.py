@@ -83,6 +83,7 @@ def test_a_slow_reader_loses_nothing() -> None:
     [
         ("γ = 0.5 ± 1", b"gamma = 0.5 +/- 1"),
         ("−3 … 2×2 ≥ 1", b"-3 ... 2x2 >= 1"),
+        ("├─ focal │ └─", b"|- focal | +-"),
         ("Zürich", b"Zurich"),
         ("点", rb"\u70b9"),
         ("caf\udce9.txt", b"caf\xe9.txt"),  # the name of a file, as the system has it

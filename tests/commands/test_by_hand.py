@@ -2,6 +2,7 @@
 
 import csv
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,10 @@ from fl3d.commands import tables, why
 from fl3d.commands.words import open_words, or_gamma, read_words
 from fl3d.config.compose import compose_config, multirun
 from fl3d.config.detector_names import spell_out_detectors
+from fl3d.config.settings import read_settings
 from fl3d.core.errors import ConfigError, StoreError
-from fl3d.runs.by_hand import sweep_name
+from fl3d.runs.by_hand import find_by_hand, sweep_name
+from fl3d.runs.plans import read_plan, write_plan
 from fl3d.store.opening import open_store
 from fl3d.sweep.by_hand import name_trial, named
 from fl3d.sweep.launchers.inline import InlineLauncher
@@ -161,6 +164,21 @@ def test_of_two_that_fit_the_last_that_was_started_is_meant(started: list[str], 
             os.utime(path, (1, 1))
         os.utime(last, (2, 2))
         assert open_words(read_words(["detector=voxelnet", *started])).levels == levels
+
+
+def test_a_plan_that_kept_no_words_is_found_by_its_values(
+    started: list[str], root: Path, tmp_path: Path
+) -> None:
+    """As older code wrote it: the name was trials, whatever was swept."""
+    plans = tmp_path / "runs" / "plans"
+    old = read_plan(next((root / "runs" / "plans").glob("trials-gamma*.json")))
+    write_plan(plans / "trials-simulated-tiny.json", replace(old, words=()))
+    words = [*started, f"store.root={tmp_path / 'runs'}"]
+    settings = read_settings(compose_config(words))
+    for fitting in (["loss.gamma=2", "detector=voxelnet"], ["gamma=0"]):
+        assert find_by_hand(settings, fitting).sweep.name == "trials"
+    with pytest.raises(StoreError, match=r"has loss\.gamma=9"):
+        find_by_hand(settings, ["loss.gamma=9"])
 
 
 def test_other_sweeps_have_other_names_and_more_seeds_the_same() -> None:
