@@ -40,6 +40,7 @@ RUN = [
     *("{python}", "{program}/example_program.py", "--data={data_root}", "--val={val_split}"),
     *("--out={folder}", "--epochs={epochs}", "--gamma={loss.gamma}", "--seed={seed}"),
 ]
+EXTRA: dict[str, object] = {"note": "", "flags": []}  # keys that some tests' commands read
 Make = Callable[..., Prepared]
 
 
@@ -72,8 +73,10 @@ def make(simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ma
             "defaults": ["command", {"override /schedule": schedule}, "_self_"],
             "detector": detector,
             "loss": {"gamma": 0.0},
-            "extra": {"note": "", "flags": []},
         }
+        used = [f"{{extra.{name}}}" in f"{section} {words}" for name in EXTRA]
+        extra = {name: EXTRA[name] for name, is_used in zip(EXTRA, used, strict=True) if is_used}
+        content |= {"extra": extra} if extra else {}  # a key that nothing reads is refused
         text = "# @package _global_\n" + yaml.safe_dump(content, sort_keys=False)
         (own / "detector" / "fake.yaml").write_text(text)
         shared = [
@@ -244,15 +247,16 @@ def test_a_store_may_be_told_by_a_relative_path(
 
 def test_blanks_and_quotes_reach_the_program_as_they_are(make: Make) -> None:
     note = "a  'b' \"c\" $HOME {d}"
-    words = [f"extra.note={json.dumps(note)}", "extra.flags=[--note,'x y']"]
+    word = f"extra.note={json.dumps(note)}"
     for run in (
         [*RUN, "--note={extra.note}"],
         " ".join(RUN) + " --note={extra.note}",
     ):
-        sweep = make([["seed=0"]], *words, run=run, schedule="from_scratch", from_parent=[])
+        sweep = make([["seed=0"]], word, run=run, schedule="from_scratch", from_parent=[])
         run_small(sweep)
         assert f"\nnote: {note}\n" in only(sweep).command_log.read_text()
-    sweep = make([["seed=0"]], *words, run=[*RUN, "{extra.flags}"], schedule="from_scratch")
+    word = "extra.flags=[--note,'x y']"
+    sweep = make([["seed=0"]], word, run=[*RUN, "{extra.flags}"], schedule="from_scratch")
     run_small(sweep)
     assert "\nnote: x y\n" in only(sweep).command_log.read_text()
 
