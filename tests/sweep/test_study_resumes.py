@@ -1,5 +1,6 @@
 """What interrupted starts, other sweeps and changed settings leave in a study. No network is trained."""
 
+import contextlib
 import re
 import subprocess
 import sys
@@ -10,14 +11,16 @@ import optuna
 import pytest
 
 from fl3d.core.errors import ConfigError
-from fl3d.core.leases import leased
+from fl3d.core.leases import LEASE_SECONDS, leased
 from fl3d.runs.layout import StoreFolder
 from fl3d.sweep.sweepers.base import Evidence, Point
 from fl3d.sweep.sweepers.space import parse_space
-from fl3d.sweep.sweepers.study import ROOT, SWEEP, Study
+from fl3d.sweep.sweepers.study import Study
 from fl3d.sweep.sweepers.study_report import KEY
 from fl3d.sweep.sweepers.study_storage import open_storage
+from fl3d.sweep.sweepers.study_trials import ROOT, SWEEP
 from tests.sweep.studies import GAMMA, NAME, RANDOM, World, base, key, make, states
+from tests.test_leases import Clock, other_machine
 
 BRUTE = {"_target_": "optuna.samplers.BruteForceSampler", "seed": 0}
 SIX = {"a": "range(0,3)", "b": "choice(0,1)"}
@@ -78,11 +81,11 @@ def test_an_error_between_asking_and_identity_leaves_nothing_that_counts(
     def identify(_: Point) -> str:
         raise error
 
-    identified, study._identify = study._identify, identify
+    identified, study.points.identify = study.points.identify, identify
     with pytest.raises(type(error)):
         study.advise({}, 1)
     assert states(study) == ["FAIL"]
-    study._identify = identified
+    study.points.identify = identified
     World(study, slots=1, epochs=1).run(30)
     assert sorted(states(study)) == ["COMPLETE"] * 3 + ["FAIL"]
 
@@ -115,10 +118,10 @@ def test_what_was_left_is_said(tmp_path: Path) -> None:
     ]
 
 
-def other(root: Path, **settings: Any) -> Study:
+def other(root: Path, sweep: str = "other", **settings: Any) -> Study:
     """Another sweep that asks the same study."""
     study = Study(
-        base(root, "sweep.name=other"),
+        base(root, f"sweep.name={sweep}"),
         parse_space(GAMMA, []),
         lambda overrides: {"overrides": list(overrides)},
         **{"sampler": RANDOM | {"seed": 5}, "study_name": NAME, **settings},
@@ -148,6 +151,57 @@ def test_trials_of_a_sweep_that_died_are_asked_again_by_another(tmp_path: Path) 
     assert sorted(states(study)) == ["COMPLETE"] * 4 + ["FAIL"] * 2
 
 
+def test_trials_of_dead_sweeps_of_another_machine_are_asked_again_after_one_minute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two machines broke down, each with a trial in training; a third goes on."""
+    layout = StoreFolder(tmp_path)
+    layout.plans.mkdir()
+    clock = Clock(monkeypatch)
+    sweeps = ("broken", "down", "alive")
+    with contextlib.ExitStack() as running:
+        for sweep in sweeps:
+            running.enter_context(leased(layout.lease(f"{sweep}-made-up-tiny")))
+        for sweep in sweeps:
+            World(other(tmp_path, sweep, n_trials=5), slots=1).tick()
+    for sweep in sweeps:
+        other_machine(layout.lease(f"{sweep}-made-up-tiny"), age=0)
+    # It renews its lease, as seen from here.
+    alive = layout.lease("alive-made-up-tiny")
+    clock.each = lambda: other_machine(alive, age=clock.now) if clock.now > 10 else None
+    study = make(tmp_path, n_trials=5)
+    assert LEASE_SECONDS < clock.now < LEASE_SECONDS + 2  # for both at once
+    assert capsys.readouterr().out.count("Another machine has been at work here") == 1
+    assert sorted(states(study)) == ["FAIL"] * 2 + ["RUNNING"] + ["WAITING"] * 2
+    World(study, slots=2).run(40)
+    assert sorted(states(study)) == ["COMPLETE"] * 4 + ["FAIL"] * 2 + ["RUNNING"]
+
+
+def test_a_trial_that_ended_while_its_machine_was_watched_is_not_asked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its sweep lived, told the trial, and gave its lease back within the minute."""
+    layout = StoreFolder(tmp_path)
+    layout.plans.mkdir()
+    lease = layout.lease("other-made-up-tiny")
+    world = World(other(tmp_path, n_trials=2), slots=1, epochs=1)
+    world.tick()
+    other_machine(lease, age=0)
+    clock = Clock(monkeypatch)
+
+    def end() -> None:
+        if clock.now > 10 and lease.exists():
+            world.study.asker.n_trials = 1
+            world.tick()
+            lease.unlink()
+
+    clock.each = end
+    study = make(tmp_path, n_trials=2)
+    assert states(study) == ["COMPLETE"]
+    World(study, slots=1, epochs=1).run(20)
+    assert states(study) == ["COMPLETE"] * 2
+
+
 def test_trials_of_another_store_are_left_alone(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path}/shared.db"
     first = make(tmp_path / "one", n_trials=5, storage=url)
@@ -166,8 +220,8 @@ def test_two_that_ask_at_one_moment_do_not_ask_too_many(
     """Both have seen that one more is wanted."""
     with leased(StoreFolder(tmp_path).lease(NAME)):
         first, second = make(tmp_path, n_trials=1), other(tmp_path, n_trials=1)
-        may, answers = second._may_ask, iter([True])
-        monkeypatch.setattr(second, "_may_ask", lambda: next(answers, may()))
+        may, answers = second.asker.may_ask, iter([True])
+        monkeypatch.setattr(second.asker, "may_ask", lambda: next(answers, may()))
         assert len(first.advise({}, 1).points) == 1
         assert list(second.advise({}, 1).points) == []
     assert states(first) == ["RUNNING", "FAIL"]
@@ -296,7 +350,7 @@ def test_a_value_that_would_be_refused_is_refused_before_the_study_is_made(tmp_p
 CHILD = """
 import sys
 from pathlib import Path
-from fl3d.core.leases import leased
+from fl3d.core.leases import LEASE_SECONDS, leased
 from fl3d.runs.layout import StoreFolder
 from tests.sweep.studies import RANDOM, World, make
 number, root = int(sys.argv[1]), Path(sys.argv[2])
