@@ -283,7 +283,9 @@ FILES: list[Spoilt] = [
         (0, 2),
     ),
     *_each("marker", MARKER, JSON_ODD, RESUME, MADE_AGAIN),
-    *_each("marker", MARKER, {k: JSON_ODD[k] for k in ("torn", "number")}, ["verify", *GRID], (0, 2)),
+    *_each(
+        "marker", MARKER, {k: JSON_ODD[k] for k in ("torn", "number")}, ["verify", *GRID], (0, 2)
+    ),
     *_each(
         "marker",
         MARKER,
