@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from fl3d.config.seeds import spell_out_seeds
-from fl3d.core.errors import ConfigError, Fl3dError, StageFailed, TrainingError, options
+from fl3d.core import interrupts, streams
+from fl3d.core.errors import (
+    FULL,
+    ConfigError,
+    Fl3dError,
+    StageFailed,
+    TrainingError,
+    Unwritable,
+    options,
+)
 
 # One thread a process: two processes of one thread are faster than one of two. The libraries read
 # this when they are loaded, so it is set before any command is imported.
@@ -41,7 +52,17 @@ CONFIG_DIR = ("--config-dir", "-cd")
 MISTAKE = 2  # exit code of what was asked or given wrongly, as argparse's own
 FAILED = 1  # of what failed while it ran
 FAILURES = (StageFailed, TrainingError)
+# What the system refuses of a place that the user chose: it is full, read-only, somebody else's, or none.
+REFUSALS = (
+    *FULL,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENOTDIR,
+    errno.ENAMETOOLONG,
+)
 TRAIN = "train"  # what runs where no command is named
+RESUMING = (TRAIN, "import", "simulate", "stage")  # what was interrupted goes on where it was
 # Hydra's options.
 MULTIRUN = {"-m", "--multirun"}
 LOOKS = {"--help", "-h", "--hydra-help", "--cfg", "-c", "--info", "-i"}  # nothing is trained
@@ -54,14 +75,47 @@ def main(arguments: Sequence[str] | None = None) -> None:
         arguments: as typed behind ``python -m fl3d``; None: those of this process.
     """
     typed = list(sys.argv[1:] if arguments is None else arguments)
+    with interrupts.heard(), streams.kept() as printed:
+        try:
+            _run(typed)
+        except SystemExit as end:  # argparse's, of --help or of a slip
+            if end.code:
+                raise
+        if printed.lost is not None:
+            raise ended(*streams.loss(printed.lost))
+
+
+def _run(typed: list[str]) -> None:
+    """Run a command; its errors become exits.
+
+    Raises:
+        SystemExit: it has failed, or was interrupted.
+    """
+    name = TRAIN
     try:
         name, rest = _split(_with_config_dir(typed))
-        rest = _with_seeds(name, rest)
-        importlib.import_module(f"fl3d.commands.{name}").run(rest)
+        rest = _with_detectors(_with_seeds(name, rest))
+        command = importlib.import_module(f"fl3d.commands.{name}")
+        if name != TRAIN:  # Hydra loads more
+            interrupts.loaded()
+        command.run(rest)
     except Fl3dError as error:
         raise ended(f"fl3d: {error}", FAILED if isinstance(error, FAILURES) else MISTAKE) from None
-    except KeyboardInterrupt:
-        sys.exit("\nfl3d: interrupted; run the same command to resume")
+    except KeyboardInterrupt as error:
+        number = error.number if isinstance(error, interrupts.Interrupted) else signal.SIGINT
+        again = "run the same command " + ("to resume" if name in RESUMING else "again")
+        lead = "\n" if streams.is_terminal(sys.stderr) else ""  # below what it shows of Ctrl-C
+        said = lead + interrupts.text(number, again)
+        raise ended(said, interrupts.code(number)) from None
+    except OSError as error:
+        if error.errno not in REFUSALS:
+            raise
+        place = error.filename or "a file"
+        if error.errno in FULL:
+            said = str(Unwritable(error.errno, error.strerror, place))
+        else:
+            said = f"{place}: {error.strerror}"
+        raise ended(f"fl3d: {said}", MISTAKE) from None
 
 
 def _with_config_dir(typed: list[str]) -> list[str]:
@@ -87,13 +141,14 @@ def _with_config_dir(typed: list[str]) -> list[str]:
             raise ConfigError(f"--config-dir {given} and {folder}: one folder alone can be given")
         given = folder
         # Imported late: it brings Hydra along.
-        importlib.import_module("fl3d.config.compose").search_also(Path(folder))
+        importlib.import_module("fl3d.config.places").search_also(Path(folder))
     return rest
 
 
 def ended(message: str, code: int) -> SystemExit:
-    """An exit that says its message on the error stream and has a code of its own."""
-    print(message, file=sys.stderr)
+    """An exit that says its message on the error stream, if there is one, and has a code of its own."""
+    if message:
+        print(message, file=sys.stderr)
     error = SystemExit(message)
     error.code = code
     return error
@@ -116,6 +171,14 @@ def _split(typed: list[str]) -> tuple[str, list[str]]:
             f"'{first}' is neither KEY=VALUE nor a command. {options(first, COMMANDS)}"
         )
     return TRAIN, typed
+
+
+def _with_detectors(rest: list[str]) -> list[str]:
+    """The arguments with ``detector=3D-FCN``, as tables write it, as the config's ``detector=fcn3d``."""
+    if not any(word.startswith("detector=") for word in rest):
+        return rest
+    names = importlib.import_module("fl3d.config.detector_names")  # late: it brings Hydra along
+    return list(names.spell_out_detectors(rest))
 
 
 def _with_seeds(name: str, rest: list[str]) -> list[str]:

@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.typed import NotNegative
 
 REGRESSIONS = ("square", "smooth_l1")
 
@@ -74,7 +75,7 @@ class DetectionLoss:
     regression: str = "square"
     sigma: float = 3.0
     normalize: bool = True
-    regression_weight: float | None = None
+    regression_weight: NotNegative | None = None
 
     def __post_init__(self) -> None:
         if self.regression not in REGRESSIONS:

@@ -177,11 +177,19 @@ def test_a_report_has_everything_on_one_page_and_in_mlflow(
     assert (windows.groupby(["detector", "gamma"])["positives"].first() > 10).all()
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "how",
+    [
+        signal.SIGTERM,
+        signal.SIGKILL,
+        pytest.param(signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
+    ],
+)
 def test_interrupted_it_resumes_to_the_same_tables(
     finished: tuple[Path, str], tmp_path: Path, how: signal.Signals
 ) -> None:
-    """Ctrl-C and kill -9 of the parent in the middle of training; workers end by themselves."""
+    """Signals to the parent alone in the middle of training; after kill -9 workers end by themselves."""
     work, _ = finished
     (tmp_path / "data").symlink_to(work / "data")
     process = subprocess.Popen(
@@ -202,6 +210,12 @@ def test_interrupted_it_resumes_to_the_same_tables(
         time.sleep(0.1)
     os.kill(process.pid, how)
     process.wait(timeout=300)
+    if how is not signal.SIGKILL:
+        assert process.returncode == 128 + how
+        connection = sqlite3.connect(tmp_path / "runs" / "mlflow.db")
+        assert {status for (status,) in connection.execute("SELECT status FROM runs")} == {"KILLED"}
+        connection.close()
+        assert not list((tmp_path / "runs" / "plans").glob("*.lease"))
     while members(process.pid):  # workers notice within seconds that their parent has gone
         assert time.monotonic() < deadline, "workers outlive their parent"
         time.sleep(0.2)

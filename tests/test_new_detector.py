@@ -29,7 +29,7 @@ def test_the_documents_detector_trains_scores_and_tabulates(
         "fl3d.detectors.height_map.HeightMap", "tests.example_detector.HeightMap"
     )
     (conf / "detector" / "height_map.yaml").write_text(text)
-    monkeypatch.setattr("fl3d.config.compose.CONF", conf)
+    monkeypatch.setattr("fl3d.config.places.CONF", conf)
 
     places = [
         f"data.root={simulated}",

@@ -12,7 +12,8 @@ import pytest
 import yaml
 
 from fl3d.commands.train import train
-from fl3d.config.compose import CONF, compose_config, search_also
+from fl3d.config.compose import CONF, compose_config
+from fl3d.config.places import search_also
 from fl3d.core.leases import holder_of
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.plans import read_plan
@@ -27,7 +28,7 @@ PAGE = (ROOT / "docs" / "your_training_code.md").read_text()
 def test_the_example_is_swept_killed_and_gone_on_with(
     simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fl3d.config.compose._OWN", [])
+    monkeypatch.setattr("fl3d.config.places._OWN", [])
     monkeypatch.syspath_prepend(str(tmp_path))
     search_also(EXAMPLE)
     shared = [

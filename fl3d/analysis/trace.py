@@ -39,7 +39,7 @@ def trace(sweep: FinishedSweep, row: pd.Series, column: str, run: str) -> Iterat
             break
     if "results" in marker.made_by:
         yield f"  checkpoint  the program's own, in {holder.work}"
-        yield f"  results     {_results(marker.made_by, spec.machine.val_ids)}"
+        yield f"  results     {_results(holder, marker.made_by, spec.machine.val_ids)}"
     else:
         yield f"  checkpoint  {_checked(holder.weights(step), marker.sha256)}"
     yield f"  detections  {_checked(holder.detections(step), marker.detections_sha256)}"
@@ -49,7 +49,7 @@ def trace(sweep: FinishedSweep, row: pd.Series, column: str, run: str) -> Iterat
     ]
     same = "the same" if again == row[column] else "NOT THE SAME"
     yield f"  scored now  {again!r}: {same}"
-    yield f"  data        {spec.machine.data_root}, {len(spec.machine.val_ids)} validation frames"
+    yield f"  data        {sweep.kitti().root}, {len(spec.machine.val_ids)} validation frames"
 
 
 def _stage(folder: RunFolder) -> Iterator[str]:
@@ -75,9 +75,9 @@ def _checked(path: Path, sha256: str) -> str:
     )
 
 
-def _results(made_by: Mapping[str, str], ids: Sequence[str]) -> str:
+def _results(holder: RunFolder, made_by: Mapping[str, str], ids: Sequence[str]) -> str:
     """Whether the result files of a checkpoint are what they were when it was scored."""
-    folder, sha256 = Path(made_by["results"]), made_by["results.sha256"]
+    folder, sha256 = holder.here(made_by["results"]), made_by["results.sha256"]
     try:
         found = results_digest(folder, ids)
     except DataError:

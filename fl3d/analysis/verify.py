@@ -53,7 +53,8 @@ def verify(sweep: FinishedSweep, from_weights: bool) -> Verified:
             said += _differences(where, row, again, columns)
             if from_weights and folder.weights(step).exists():
                 n_weights += 1
-                again = score(detect_again(folder, step), sweep.validation, sweep.protocol)
+                found = detect_again(folder, step, sweep.kitti().root)
+                again = score(found, sweep.validation, sweep.protocol)
                 said += _differences(f"{where}, from its weights", row, again, columns)
         except (CheckpointError, DataError) as error:
             said.append(f"  {error}")

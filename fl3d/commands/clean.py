@@ -27,7 +27,7 @@ def run(arguments: list[str]) -> None:
     options.add_argument(
         "--orphans",
         action="store_true",
-        help="also stages that no sweep's plan names any more",
+        help="also stages that no sweep's plan names any more; none where a plan below the root cannot be read",
     )
     options.add_argument("--yes", action="store_true", help="delete them")
     given = options.parse_args(arguments)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fl3d.analysis.samples import compare_sweep
-from fl3d.commands.words import HELP, names_sweep, open_words, parser, read_words
+from fl3d.commands.words import HELP, open_words, or_gamma, parser, read_words
 from fl3d.papers.results import draw_curves, draw_papers, draw_verdicts, judge_or_say
 
 
@@ -17,7 +17,7 @@ def run(arguments: list[str]) -> None:
     arguments_of = parser("figures", run.__doc__)
     arguments_of.add_argument("overrides", nargs="*", help=HELP)
     words = arguments_of.parse_intermixed_args(arguments).overrides
-    sweep = open_words(read_words(words if names_sweep(words) else [*words, "+sweep=gamma"]))
+    sweep = open_words(read_words(or_gamma(words)))
     judged = judge_or_say(sweep, print)
     compared = compare_sweep(sweep) if judged is None else judged.compared
     written = [] if judged is None else draw_verdicts(sweep, judged)

@@ -10,6 +10,7 @@ from fl3d.commands.words import HELP, parser
 from fl3d.config.compose import multirun
 from fl3d.config.objects import build
 from fl3d.core.errors import ConfigError
+from fl3d.sweep.by_hand import named
 from fl3d.sweep.preview import preview
 from fl3d.sweep.winners import with_winners
 
@@ -43,7 +44,7 @@ def run(arguments: list[str]) -> None:
     )
     given = options.parse_intermixed_args(arguments)
     spread, margin = (_ap(name, getattr(given, name)) for name in ("spread", "margin"))
-    asked = with_winners(multirun(given.overrides or ["+sweep=gamma"]))
+    asked = named(with_winners(multirun(given.overrides or ["+sweep=gamma"])))
     sweeper = build(asked.sweeper, "hydra.sweeper").proposer(asked.arguments, asked.compose)
     launcher = build(asked.launcher, "hydra.launcher")
     preview(sweeper, launcher, spread=spread, margin=margin)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fl3d.commands.words import parser
-from fl3d.config.compose import values_by_key
+from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError
 from fl3d.core.errors import options as options_of
 from fl3d.data.pictures import checked_size

@@ -158,5 +158,5 @@ def stamp(sweeps: Sequence[FinishedSweep], made_by: dict[str, str]) -> dict[str,
 
 def stamped(folder: Path) -> dict[str, Any]:
     """The stamp of a results folder."""
-    content: dict[str, Any] = json.loads((folder / STAMP).read_text())
+    content: dict[str, Any] = json.loads((folder / STAMP).read_text(encoding="utf-8"))
     return content

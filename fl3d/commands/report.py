@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fl3d.commands.words import HELP, PUBLISHED, names_sweep, open_words, parser, read_words
+from fl3d.commands.words import HELP, PUBLISHED, open_words, or_gamma, parser, read_words
 from fl3d.core.errors import DataError, StoreError
 from fl3d.papers.page import write_page
 from fl3d.papers.stored import place_words, stored_sweeps
@@ -21,8 +21,9 @@ def run(arguments: list[str]) -> None:
     arguments_of = parser("report", run.__doc__)
     arguments_of.add_argument("overrides", nargs="*", help=HELP)
     words = arguments_of.parse_intermixed_args(arguments).overrides
-    is_named = names_sweep(words)
-    main = open_words(read_words(words if is_named else [*words, "+sweep=gamma"]))
+    named = or_gamma(words)
+    is_named = named == words
+    main = open_words(read_words(named))
     if not main.is_from_store:
         raise StoreError(
             f"{main.settings.store.root}: a report needs checkpoints; run the sweep here first"

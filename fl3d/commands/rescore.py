@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fl3d.analysis.rescore import KEYS, rescore
 from fl3d.commands.words import HELP, open_words, parser, read_words
-from fl3d.config.compose import values_by_key
+from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.files import write_text
 from fl3d.evaluation.protocol import METRIC_NAMES

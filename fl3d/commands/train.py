@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -10,8 +11,14 @@ from pathlib import Path
 
 from fl3d.analysis.found import sweep_verdicts
 from fl3d.commands.words import PUBLISHED
-from fl3d.config.compose import CONF, MAIN, check_overrides, hydra_says, own_folders
+from fl3d.config.checks import check_overrides
+from fl3d.config.command_line import Line, read_line
+from fl3d.config.compose import resolve, section, task_words
+from fl3d.config.hydra_app import HYDRAS, for_hydra, hydra_says
 from fl3d.config.objects import build
+from fl3d.config.overrides import parse
+from fl3d.config.places import CONF, MAIN, own_folders
+from fl3d.core import interrupts
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, Fl3dError, StoreError
 from fl3d.core.records import Config
 from fl3d.inference.devices import check_device
@@ -23,6 +30,7 @@ from fl3d.reports.verdicts import seeds_text, verdict_tables
 from fl3d.runs.finished import FinishedSweep, levels_of, open_sweep
 from fl3d.runs.units import units_of
 from fl3d.store.base import Store
+from fl3d.sweep.by_hand import name_trial
 from fl3d.sweep.launchers.base import Launcher
 from fl3d.sweep.run import Ran, run_sweep
 from fl3d.sweep.setup import Prepared, prepare_sweep
@@ -30,35 +38,26 @@ from fl3d.sweep.sweepers.base import Sweeper
 from fl3d.sweep.sweepers.grid import Listed, point_of
 from fl3d.sweep.verdict_tags import tag_verdicts
 
-# Hydra's own options that are followed by a value.
-HYDRA_VALUES = (
-    "--cfg",
-    "-c",
-    "--package",
-    "-p",
-    "--config-path",
-    "-cp",
-    "--config-name",
-    "-cn",
-    "--config-dir",
-    "-cd",
-)
+SLIP = 2  # exit code of a mistake, see ``cli``
+SCRIPT = "fl3d"  # what pip installs; a shell completes its words, for it completes by a command's first word
 
 
 def run(arguments: list[str]) -> None:
     """Hand a command line to Hydra, which calls back with a trial, or, under -m, through its sweeper plugins.
 
     Raises:
-        ConfigError: an override that does not fit.
+        ConfigError: an option or an override that does not fit.
         StageFailed: a stage failed; all others are trained and scored.
     """
     import hydra
-    from hydra.errors import HydraException
     from omegaconf import DictConfig
 
-    if {"-m", "--multirun"} & set(arguments) and {"--cfg", "-c"} & set(arguments):
-        raise ConfigError("--cfg shows the config of one trial: leave -m and swept values out")
-    check_overrides(overrides_among(arguments))
+    line = read_line(arguments)
+    words = list(line.overrides)
+    if not line.is_completion:
+        check_overrides(words)
+        _refuse_sweep_of_one(line)
+        words = for_hydra(words)
     warnings.filterwarnings("ignore", message=".*hydra.*", category=DeprecationWarning)
     ended: list[BaseException] = []
 
@@ -72,47 +71,48 @@ def run(arguments: list[str]) -> None:
     # Hydra would print an error and a hint of its own; with the full error on, ours comes through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     own = [word for folder in own_folders() for word in ("--config-dir", str(folder))]
-    sys.argv = ["python -m fl3d", *arguments, *own]
+    sys.argv = [SCRIPT if line.is_completion else "python -m fl3d", *line.options, *words, *own]
     try:
         task()
-    except HydraException as error:
+    except HYDRAS as error:
         raise ConfigError(hydra_says(error)) from None
+    except SystemExit as error:
+        # Hydra says that there is no such package, and ends as if a job had failed.
+        error.code = SLIP if line.is_look and error.code == 1 else error.code
+        raise
     if ended:
         raise ended[0]
+
+
+def _refuse_sweep_of_one(line: Line) -> None:
+    """Refuse several values where one trial is meant.
+
+    Raises:
+        ConfigError: saying how a sweep, a list and a text are typed.
+    """
+    is_sweep = line.is_multirun or any(word.startswith("hydra.mode=") for word in line.overrides)
+    for word in line.overrides:
+        if not is_sweep and parse(word).is_sweep_override():
+            key, _, value = word.partition("=")
+            as_text = shlex.quote(f'{key}="{value}"')
+            raise ConfigError(
+                f"{word}: several values are a sweep: python -m fl3d -m ...; a list is typed {key}=[...], and a text "
+                f"that looks so {as_text}"
+            )
 
 
 def _one_trial(config: object) -> None:
     from hydra.core.hydra_config import HydraConfig
 
-    from fl3d.config.compose import resolve, section
-
     hydra = HydraConfig.get()
     resolved = resolve(config)  # type: ignore[arg-type]
-    if resolved["sweep"]["name"] != "trials":
-        name = resolved["sweep"]["name"]
-        raise ConfigError(f"a sweep file is run with -m: python -m fl3d -m +sweep={name}")
-    words = list(hydra.overrides.task)
-    train(Listed([point_of(words, resolved)]), section(hydra, "launcher"), words)
-
-
-def overrides_among(arguments: Sequence[str]) -> list[str]:
-    """The overrides among Hydra's arguments.
-
-    Raises:
-        ConfigError: an argument that is neither an option, nor KEY=VALUE, nor a command.
-    """
-    found: list[str] = []
-    rest = iter(arguments)
-    for argument in rest:
-        if argument in HYDRA_VALUES:
-            next(rest, None)
-        elif not argument.startswith("-"):
-            if "=" not in argument and not argument.startswith("~"):
-                raise ConfigError(
-                    f"'{argument}' is neither KEY=VALUE nor a command; python -m fl3d --help lists both"
-                )
-            found.append(argument)
-    return found
+    words = task_words(hydra)
+    files = [word for word in words if word.lstrip("+").startswith("sweep=")]
+    if files:
+        raise ConfigError(f"a sweep file is run with -m: python -m fl3d -m {files[0]}")
+    name_trial(resolved)
+    launcher = section(hydra, "launcher")
+    train(Listed([point_of(words, resolved)]), launcher, words)
 
 
 def train(
@@ -129,6 +129,7 @@ def train(
     Raises:
         StageFailed: a stage failed; all others are trained, scored and tabulated.
     """
+    interrupts.loaded()
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(line_buffering=True)
     device = sweeper.base.get("device", "cpu")
@@ -136,7 +137,7 @@ def train(
     built: Launcher = build(launcher, "hydra.launcher")
     check_device(device, "device=", built.IS_HERE)
     built.open()  # it loads while the sweep is being planned
-    prepared = prepare_sweep(sweeper)
+    prepared = prepare_sweep(sweeper, words)
     refuse_untold_rows(prepared)
     ran = run_sweep(prepared, built, say=say)
     report(prepared, ran, words, say)

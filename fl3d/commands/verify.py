@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fl3d.analysis.verify import verify
-from fl3d.commands.words import HELP, open_words, parser, read_words
+from fl3d.commands.words import HELP, open_words, or_gamma, parser, read_words
 from fl3d.core.errors import StoreError
 
 
@@ -15,7 +15,7 @@ def run(arguments: list[str]) -> None:
         "--from-weights", action="store_true", help="run networks too, where weights are kept"
     )
     given = arguments_of.parse_intermixed_args(arguments)
-    sweep = open_words(read_words(given.overrides or ["+sweep=gamma"]))
+    sweep = open_words(read_words(or_gamma(given.overrides)))
     found = verify(sweep, given.from_weights)
     if found.wrong:
         count = f"{len(found.wrong)} of {found.checkpoints} checkpoints could not be reproduced"

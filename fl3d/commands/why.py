@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import pandas as pd
 
 from fl3d.analysis.trace import trace
-from fl3d.commands.words import HELP, names_sweep, open_words, parser, read_words
-from fl3d.config.compose import values_by_key
+from fl3d.commands.words import HELP, names_sweep, open_words, or_gamma, parser, read_words
+from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError, options
 from fl3d.evaluation.selection import RULES
 from fl3d.papers.base import PaperTable
@@ -21,7 +21,8 @@ def run(arguments: list[str]) -> None:
     """Print the chain from a table's cell to its run, checkpoint, files and digests.
 
     TABLE is a table of a paper that the sweep feeds (II, III, IV, R2), or last or best for any sweep; the values that
-    pick the row may be given short (gamma=2), the other words choose the sweep.
+    pick the row may be given short (gamma=2), the other words choose the sweep: one typed by hand by what it was
+    started with, or some of it.
     Example: python -m fl3d why III gamma=2 3d/moderate data=simulated profile=quick
     """
     arguments_of = parser("why", run.__doc__)
@@ -38,7 +39,12 @@ def run(arguments: list[str]) -> None:
     pairs = [word for word in given.rest if "=" in word]
     row = [word for word in pairs if is_short(word) and is_one_value(word)]
     words = [word for word in pairs if word not in row or _is_detector(word)]
-    sweep = open_words(read_words(words if names_sweep(words) else ["+sweep=gamma", *words]))
+    short = [word for word in row if not _is_detector(word)]
+    is_papers = given.table not in RULES  # whose tables only sweep files feed
+    named = (
+        or_gamma(words, short) if names_sweep(words) or not is_papers else [*words, "+sweep=gamma"]
+    )
+    sweep = open_words(read_words(named), short)
     swept = {key for trial in sweep.plan.trials for key in trial.values}
     if DETECTOR not in swept:  # then it only says under which settings the sweep ran
         row = [word for word in row if not _is_detector(word)]

@@ -6,11 +6,16 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fl3d.config.compose import CONF, Multirun, is_interval, multirun, values_by_key
+from fl3d.config.compose import CONF, Multirun, multirun
+from fl3d.config.hydra_app import for_hydra
 from fl3d.config.objects import locate
-from fl3d.config.settings import Settings, read_settings
+from fl3d.config.overrides import is_interval, values_by_key
+from fl3d.config.settings import BY_HAND, Settings, read_settings
+from fl3d.core.errors import StoreError
+from fl3d.papers.stored import place_words
+from fl3d.runs.by_hand import find_by_hand, has_by_hand, told
 from fl3d.runs.design import SEED
-from fl3d.runs.finished import Asked, FinishedSweep, open_sweep
+from fl3d.runs.finished import Asked, FinishedSweep, is_stored, open_sweep
 
 PUBLISHED = CONF.parent / "results"  # what the project publishes
 HELP = "as the sweep was started, such as +sweep=gamma data=kitti seeds=3"
@@ -39,7 +44,7 @@ def read_words(overrides: Sequence[str]) -> Words:
     """
     composed = multirun(overrides)
     listed = [
-        word for word in overrides if not is_interval(word)
+        word for word in for_hydra(overrides) if not is_interval(word)
     ]  # a study's trials are not told by its intervals
     asked = values_by_key(listed)
     door = locate(composed.sweeper["_target_"], "hydra.sweeper._target_")
@@ -48,13 +53,46 @@ def read_words(overrides: Sequence[str]) -> Words:
     return Words(composed, read_settings(composed.base), asked)
 
 
-def open_words(words: Words) -> FinishedSweep:
-    """The finished sweep that words mean.
+def open_words(words: Words, row: Sequence[str] = ()) -> FinishedSweep:
+    """The finished sweep that words mean; without a name one that was typed by hand, see ``runs.by_hand``.
+
+    Args:
+        words: of the sweep.
+        row: words that pick a row of it, which it must have.
 
     Raises:
-        StoreError: no trial of it is done here.
+        StoreError: no trial of it is done here, or none that was typed by hand fits.
     """
-    return open_sweep(words.settings, words.asked, PUBLISHED)
+    settings = words.settings
+    if settings.sweep.name == BY_HAND:
+        try:
+            settings = find_by_hand(settings, _typed(words, row))
+        except StoreError:
+            if not is_stored(settings, PUBLISHED):
+                raise
+    return open_sweep(settings, words.asked, PUBLISHED)
+
+
+def _typed(words: Words, row: Sequence[str]) -> list[str]:
+    """All words, but for a seed that says only where seeds begin."""
+    typed = words.multirun.arguments
+    return [*(word for word in typed if SEED in words.asked or told([word]).keys() != {SEED}), *row]
+
+
+def or_gamma(words: Sequence[str], row: Sequence[str] = ()) -> list[str]:
+    """Words that name a sweep, or mean one that was typed by hand; else those of +sweep=gamma too.
+
+    Args:
+        words: of the sweep.
+        row: words that pick a row of it.
+    """
+    if names_sweep(words):
+        return list(words)
+    if len(place_words(words)) < len(words) or row:
+        read = read_words(words)
+        if has_by_hand(read.settings, _typed(read, row)):
+            return list(words)
+    return [*words, "+sweep=gamma"]
 
 
 def parser(name: str, description: str | None) -> argparse.ArgumentParser:

@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.names import check_name
 from fl3d.core.records import Config
 from fl3d.data.cloud_forms import CloudFormat
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.pictures import checked_size
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import STAGES
+
+BY_HAND = "trials"  # the name of a sweep that was given none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,8 +144,14 @@ class Settings:
 
     @property
     def experiment(self) -> str:
-        """Name of the sweep on these data at this size; plans and stores know it by this."""
+        """Name of the sweep on these data at this size; plans know it by this."""
         return f"{self.sweep.name}-{self.folder_name}"
+
+    @property
+    def stored_as(self) -> str:
+        """Name of its experiment in the store: its own, or that of all single trials typed by hand."""
+        is_trial = self.sweep.name.startswith(f"{BY_HAND}.")
+        return f"{BY_HAND}-{self.folder_name}" if is_trial else self.experiment
 
     @property
     def folder_name(self) -> str:
@@ -194,18 +203,19 @@ def read_settings(config: Config) -> Settings:
     """The settings of a resolved config.
 
     Raises:
-        ConfigError: a protocol, a metric or a selection that does not exist.
+        ConfigError: a protocol, a metric or a selection that does not exist, or a name that no file can have.
     """
     best_among = config["selection"]["stages"]
     if best_among not in STAGES:
         raise ConfigError(f"selection.stages: {options(best_among, STAGES)}")
     protocol = Protocol(**config["protocol"])
+    check_name("protocol.name", protocol.name)
     return Settings(
         sweep=_sweep(config["sweep"], protocol),
         data=_data(config["data"]),
         store=_store(config["store"]),
         protocol=protocol,
-        profile=config["profile"]["name"],
+        profile=check_name("profile.name", config["profile"]["name"]),
         best_among=best_among,
         results=Path(config["results"]),
         device=config["device"],
@@ -246,6 +256,7 @@ def _data(section: Mapping[str, Any]) -> DataSettings:
     }
     read["cloud"] = CloudFormat(**section.get("cloud", {}))
     read["image_size"] = checked_size(section.get("image_size"))
+    read["name"] = check_name("data.name", section["name"])
     return DataSettings(**{**section, **read})
 
 
@@ -267,6 +278,7 @@ def _sweep(section: Mapping[str, Any], protocol: Protocol) -> SweepSettings:
     return SweepSettings(
         **{
             **section,
+            "name": check_name("sweep.name", section["name"]),
             "factor": _keys(section["factor"]),
             "groups": None if groups is None else _keys(groups),
             "tables": tuple(section["tables"]),

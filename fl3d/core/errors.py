@@ -7,6 +7,7 @@ Fl3dError
 ├── CheckpointError    a checkpoint that is torn, or of another network
 ├── TrainingError      a stage that cannot continue (loss is not finite)
 ├── StageFailed        a stage of a sweep ended with an error; carries its traceback
+├── Unwritable         a file or folder that cannot be written: the disk is full, read-only, or somebody else's
 └── StoreError         the store is missing, locked or of another kind
     └── StoreDown      the store cannot be reached now; the same call may go through later
 """
@@ -14,8 +15,11 @@ Fl3dError
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable
 from pathlib import Path
+
+FULL = (errno.ENOSPC, errno.EDQUOT)  # the disk, or one user's part of it
 
 
 class Fl3dError(Exception):
@@ -58,6 +62,25 @@ class StageFailed(Fl3dError):
     """A stage of a sweep that ended with an error."""
 
 
+class Unwritable(Fl3dError, OSError):
+    """A file or folder that cannot be written; what was there before is as it was.
+
+    Args:
+        number: of the system's error.
+        reason: in the system's words.
+        path: of the file or folder.
+    """
+
+    def __init__(self, number: int | None, reason: str | None, path: str) -> None:
+        super().__init__(number, reason, path)
+
+    def __str__(self) -> str:
+        said = f"{self.filename}: cannot be written ({self.strerror})"
+        if self.errno not in FULL:
+            return said
+        return f"{said}; what is there is kept: make room, and the same command goes on from it"
+
+
 class StoreError(Fl3dError):
     """The store is missing, locked or of another kind."""
 
@@ -69,6 +92,6 @@ class StoreDown(StoreError):
 def options(wrong: str, possible: Iterable[str]) -> str:
     """Say what was possible, nearest first: ``Did you mean 'gamma'? Possible: ...``."""
     names = sorted(possible)
-    near = difflib.get_close_matches(wrong, names, n=1)
+    near = difflib.get_close_matches(str(wrong), names, n=1)
     hint = f"Did you mean '{near[0]}'? " if near else ""
     return f"{hint}Possible: {', '.join(names) or 'nothing'}."

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import time
 import uuid
 from collections.abc import Callable
 from pathlib import Path
 
+from fl3d.core.errors import Unwritable
+
+# Bytes: the smallest network's checkpoint has 2.1 MB, and is written beside the one before.
+ROOM = 4 << 20
 TEMPORARY = ".*.tmp"  # fits the temporary files of ``write_atomically``
 OLD_SECONDS = 3600.0  # a temporary file of this age belongs to a process that was killed
 
@@ -19,8 +25,24 @@ def write_atomically(path: Path, write: Callable[[Path], object], flush: bool = 
         path: where the file shall appear; missing folders are made.
         write: receives the temporary path.
         flush: to the disk before the renaming; without it a machine that loses its power may keep an empty file.
+
+    Raises:
+        Unwritable: the disk is full, read-only or somebody else's; what was there before is as it was.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _write_and_rename(path, write, flush)
+    except OSError as error:
+        raise _about(path, error) from error
+
+
+def _about(path: Path, error: OSError) -> Unwritable:
+    """What went wrong, about the file that was wanted instead of the temporary one."""
+    reason = error.strerror or str(error)
+    return Unwritable(error.errno, reason, str(path))
+
+
+def _write_and_rename(path: Path, write: Callable[[Path], object], flush: bool) -> None:
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.tmp")
     try:
         write(temporary)
@@ -29,7 +51,8 @@ def write_atomically(path: Path, write: Callable[[Path], object], flush: bool = 
                 os.fsync(file.fileno())
         temporary.replace(path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # the disk that refused it may refuse this too
+            temporary.unlink(missing_ok=True)
 
 
 def is_old_temporary(path: Path) -> bool:
@@ -50,3 +73,28 @@ def remove_old_temporaries(folder: Path) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write a text file atomically."""
     write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def check_writable(folder: Path, room: int = 1) -> None:
+    """Write a file into a folder, or into where it will be made, and delete it again.
+
+    Args:
+        folder: need not be there; nothing is left behind.
+        room: bytes that are written.
+
+    Raises:
+        Unwritable: it cannot be, with the place at fault.
+    """
+    place = folder.absolute()
+    while not os.path.lexists(place):
+        place = place.parent
+    if not place.is_dir():
+        raise Unwritable(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(place))
+    probe = place / f".{uuid.uuid4().hex[:12]}.tmp"
+    try:
+        write_atomically(probe, lambda temporary: temporary.write_bytes(b"\0" * room))
+    except Unwritable as error:
+        raise Unwritable(error.errno, error.strerror, str(place)) from None
+    finally:
+        with contextlib.suppress(OSError):
+            probe.unlink(missing_ok=True)

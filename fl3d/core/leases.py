@@ -210,7 +210,7 @@ def _bury(path: Path, own: Holder) -> None:
 @contextlib.contextmanager
 def _guard(path: Path) -> Iterator[None]:
     """One taker at a time, on file systems that have locks: less to do for links, and all there is without them."""
-    with path.with_name(f".{path.name}.guard").open("a") as file:
+    with path.with_name(f".{path.name}.guard").open("a", encoding="utf-8") as file:
         with contextlib.suppress(OSError):
             fcntl.flock(file, fcntl.LOCK_EX)
         yield
@@ -241,14 +241,14 @@ def _renewed(path: Path) -> float:
 
 def _read(path: Path) -> Holder | None:
     try:
-        return Holder(**json.loads(path.read_text()))
+        return Holder(**json.loads(path.read_text(encoding="utf-8")))
     except (FileNotFoundError, ValueError, TypeError):
         return None
 
 
 def _myself() -> Holder:
     try:
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="utf-8").strip()
         system = f"{boot} {os.readlink('/proc/self/ns/pid')}"
     except OSError:
         system = f"unknown {uuid.uuid4().hex}"  # no way to tell whether a process lives: leases end by their age
@@ -259,7 +259,7 @@ def _myself() -> Holder:
 def _start_of(pid: int) -> str:
     """When a process began; empty where there is none, or a zombie."""
     try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     except OSError:
         return ""
     return "" if fields[0] in "ZX" else fields[19]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.typed import Count, NotNegative, Share, Whole
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import Frame
 from fl3d.data.labels import Labels, joined
@@ -59,12 +60,12 @@ class ObjectSampling:
     """
 
     classes: Sequence[str]
-    tries: tuple[int, int]
-    attempts: int
-    hard_share: float
-    hard_points: int
-    min_points: int
-    gap: float
+    tries: tuple[Whole, Whole]
+    attempts: Count
+    hard_share: Share
+    hard_points: Whole
+    min_points: Whole
+    gap: NotNegative
     range_velo: Sequence[float]
     road: str
 
@@ -109,7 +110,11 @@ class Augmentation:
     """
 
     def __init__(
-        self, flip: float, turn: float, scale: float, objects: ObjectSampling | None = None
+        self,
+        flip: Share,
+        turn: NotNegative,
+        scale: NotNegative,
+        objects: ObjectSampling | None = None,
     ) -> None:
         self.flip, self.turn, self.scale, self.objects = flip, turn, scale, objects
         self._bank: dict[int, list[Object]] = {}

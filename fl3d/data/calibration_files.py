@@ -174,4 +174,4 @@ def write_calibration(
         f"{name}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n"
         for name, matrix in rows.items()
     ]
-    path.write_text("".join(lines))
+    path.write_text("".join(lines), encoding="utf-8")

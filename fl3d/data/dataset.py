@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
+from fl3d.core.typed import Whole
 from fl3d.data.kitti import Frame, KittiFolder
 from fl3d.data.label_parser import kitti_spelling
 from fl3d.data.labels import check_sizes
@@ -25,7 +26,7 @@ class TargetRule:
     """
 
     classes: tuple[str, ...] = ("Car",)
-    min_points: int = 10
+    min_points: Whole = 10
 
     def boxes_velo(self, frame: Frame) -> NDArray[np.float64]:
         """Boxes to train on: (N, 7) ``boxes_velo``.

@@ -223,7 +223,7 @@ class KittiFolder:
             digest.update(f"{self.cloud} ".encode())
         if self.calibration == "axes":
             digest.update(b"axes ")
-        kinds = ("label_2",) if self.calibration == "axes" else ("label_2", "calib")
+        kinds = self._kinds
         for frame_id in frame_ids:
             digest.update(f"{frame_id} {self.image_size(frame_id)} ".encode())
             for kind in kinds:
@@ -232,6 +232,24 @@ class KittiFolder:
             size, ends = _ends(self.path("velodyne", frame_id))
             digest.update(str(size).encode() + ends)
         return digest.hexdigest()[:16]
+
+    def labels_digest(self, frame_ids: Iterable[str]) -> str:
+        """Identity of what some frames are scored by, wherever they lie: their labels and calibrations.
+
+        Raises:
+            DataError: one of them cannot be read.
+        """
+        digest = hashlib.sha256()
+        for frame_id in frame_ids:
+            for kind in self._kinds:
+                content = read_bytes(self.path(kind, frame_id))
+                digest.update(f"{frame_id} {len(content)} ".encode() + content)
+        return digest.hexdigest()[:16]
+
+    @property
+    def _kinds(self) -> tuple[str, ...]:
+        """Of the text files that a frame has."""
+        return ("label_2",) if self.calibration == "axes" else ("label_2", "calib")
 
 
 def _ends(cloud: Path) -> tuple[int, bytes]:

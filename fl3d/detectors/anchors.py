@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.typed import Positive, Share
 from fl3d.geometry.boxes import Array, rectangles_velo, standup
 from fl3d.geometry.iou import bev_iou, image_iou
 
@@ -36,11 +37,11 @@ class Anchors:
 
     range_velo: Sequence[float]
     shape: tuple[int, int]
-    size: tuple[float, float, float]
+    size: tuple[Positive, Positive, Positive]
     z: float
     grid: str
-    positive: float
-    negative: float
+    positive: Share
+    negative: Share
     iou: str
     iou_plus_one: bool
 

@@ -38,7 +38,8 @@ class Found:
 class Detector(nn.Module, ABC):
     """A network that turns point clouds into boxes.
 
-    A subclass receives plain arguments (its YAML, and the loss) and never a config object.
+    A subclass receives plain arguments (its YAML, and the loss) and never a config object. Its network must not depend
+    on the values of its loss, which refuses them itself: a plan builds it with one loss of a class for all.
 
     Attributes:
         VERSION: raised when the same config would train to another network; part of a stage's identity.

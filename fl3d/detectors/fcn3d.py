@@ -14,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from fl3d.core.typed import Count, Positive
 from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
 from fl3d.data.voxels import Grid, occupancy
@@ -69,12 +70,12 @@ class FCN3D(Detector):
         self,
         loss: DetectionLoss,
         range_velo: Sequence[float],
-        voxel_size: Sequence[float],
-        channels: tuple[int, int, int, int],
+        voxel_size: Sequence[Positive],
+        channels: tuple[Count, Count, Count, Count],
         targets: TargetRule,
         fov_offset: float | None,
         heading_fold: float,
-        max_length: float,
+        max_length: Positive,
         x_shift: float,
         norm_order: str,
         head_bias: bool,

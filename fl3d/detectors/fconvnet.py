@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from fl3d.core.errors import DataError
+from fl3d.core.typed import Count, NotNegative, Positive, make
 from fl3d.data.kitti import Frame
 from fl3d.data.labels import check_sizes
 from fl3d.detectors.base import Batch, Detector, Found, Sample
@@ -61,16 +62,16 @@ class FConvNet(Detector):
     def __init__(
         self,
         loss: BalancedFocalLoss,
-        sizes: Sequence[Sequence[float]],
-        yaw_bins: int,
+        sizes: Sequence[tuple[Positive, Positive, Positive]],
+        yaw_bins: Count,
         weights: Mapping[str, float],
         reach: tuple[float, float],
-        nearest: float,
-        points: int,
-        frustums: int,
+        nearest: NotNegative,
+        points: Count,
+        frustums: Count,
         slabs: Mapping[str, Sequence[Any]],
-        blocks: Sequence[int],
-        up: int,
+        blocks: Sequence[Count],
+        up: Count,
         label_ratio: tuple[float, float],
         jitter: Mapping[str, float],
         refine: Mapping[str, Any] | None = None,
@@ -78,7 +79,7 @@ class FConvNet(Detector):
         super().__init__()
         self.point_loss, self.nearest = loss, nearest
         self.n_points, self.n_frustums, self.label_ratio = points, frustums, label_ratio
-        self.view = FrustumView(reach, nearest, points, Jitter(**jitter))
+        self.view = FrustumView(reach, nearest, points, make(Jitter, jitter, "detector.jitter"))
         self.code = MultiBin(sizes, yaw_bins, weights)
         self.frustum = FrustumNet(resolutions(slabs), reach, blocks, up, self.code)
         self.refine: FrustumNet | None = None

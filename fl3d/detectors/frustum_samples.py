@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.core.typed import NotNegative, Share, make
 from fl3d.data.kitti import Frame
 from fl3d.detectors.base import Sample
 from fl3d.detectors.frustums import enlarged, jittered, moved, rays, sampled, turned
@@ -38,14 +39,14 @@ class Jitter:
         scale: of object and points, share at most: likewise in the text alone.
     """
 
-    shift: float
-    size: float
-    yaw: float
-    depth: float
-    most: float
-    flip: float
-    turn: float
-    scale: float
+    shift: NotNegative
+    size: NotNegative
+    yaw: NotNegative
+    depth: NotNegative
+    most: NotNegative
+    flip: Share
+    turn: NotNegative
+    scale: NotNegative
 
     def changed(self, points: Array, box: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """An object and its points flipped, turned and scaled at random: (N, 3), (7,)."""
@@ -171,7 +172,12 @@ class BoxView:
     @classmethod
     def of(cls, options: Mapping[str, Any], nearest: float) -> Self:
         """From the options of the detector's ``refine``."""
-        return cls(options["enlarge"], nearest, options["points"], Jitter(**options["jitter"]))
+        return cls(
+            options["enlarge"],
+            nearest,
+            options["points"],
+            make(Jitter, options["jitter"], "detector.refine.jitter"),
+        )
 
     def learn(self, frame: Frame, objects: Array, rng: np.random.Generator) -> Sample:
         """Training samples: jittered objects (N, 7), as if the first stage had found them."""

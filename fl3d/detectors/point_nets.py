@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.typed import Count, NotNegative, Positive, Share
 from fl3d.detectors.bins import BinCode
 from fl3d.detectors.rois import RoiRule
 from fl3d.points.network import Backbone, Level, PointMLP, SetAbstraction
@@ -45,19 +46,19 @@ class Refinement:
         scale: largest scaling of a region's points in training.
     """
 
-    search: float
-    bin: float
-    yaw_bins: int
-    points: int
-    extra: float
-    mask: float
-    local: Sequence[int]
-    merged: int
+    search: Positive
+    bin: Positive
+    yaw_bins: Count
+    points: Count
+    extra: NotNegative
+    mask: Share
+    local: Sequence[Count]
+    merged: Count
     levels: Sequence[Level]
-    head: Sequence[int]
+    head: Sequence[Count]
     rois: RoiRule
     classification: str
-    scale: float
+    scale: NotNegative
 
     def __post_init__(self) -> None:
         if self.classification not in CLASSIFICATIONS:

@@ -15,6 +15,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from fl3d.core.typed import Count, NotNegative, Positive, make
 from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
 from fl3d.data.voxels import Grid
@@ -61,13 +62,13 @@ class PointRCNN(Detector):
         self,
         loss: BalancedFocalLoss,
         range_velo: Sequence[float],
-        points: int,
-        far: float,
-        margin: float,
-        size: Sequence[float],
+        points: Count,
+        far: NotNegative,
+        margin: NotNegative,
+        size: tuple[Positive, Positive, Positive],
         targets: TargetRule,
         levels: Sequence[Mapping[str, Any]],
-        up: Sequence[Sequence[int]],
+        up: Sequence[Sequence[Count]],
         rpn: Mapping[str, float],
         train: Mapping[str, Any],
         test: Mapping[str, Any],
@@ -79,19 +80,22 @@ class PointRCNN(Detector):
             range_velo, [a - b for a, b in zip(range_velo[3:], range_velo[:3], strict=True)]
         )
         self.n_points, self.far, self.margin, self.targets = points, far, margin, targets
-        self.rules = {True: ProposalRule(**train), False: ProposalRule(**test)}
+        self.rules = {
+            True: make(ProposalRule, train, "detector.train"),
+            False: make(ProposalRule, test, "detector.test"),
+        }
         self.code = BinCode(rpn["search"], rpn["bin"], int(rpn["yaw_bins"]), 2 * pi, size)
-        backbone = Backbone([Level(**level) for level in levels], up)
+        backbone = Backbone([make(Level, level, "detector.levels") for level in levels], up)
         self.rpn = RPN(backbone, int(rpn["head"]), self.code, rpn["dropout"])
         initialise(self.rpn, nn.init.kaiming_normal_)
         nn.init.constant_(last_layer(self.rpn.score).bias, -log((1 - PRIOR) / PRIOR))
         self.rcnn: RCNN | None = None
         if rcnn is not None:
             own = {
-                "levels": [Level(**level) for level in rcnn["levels"]],
-                "rois": RoiRule(**rcnn["rois"]),
+                "levels": [make(Level, one, "detector.rcnn.levels") for one in rcnn["levels"]],
+                "rois": make(RoiRule, rcnn["rois"], "detector.rcnn.rois"),
             }
-            self.second = Refinement(**{**rcnn, **own})
+            self.second = make(Refinement, {**rcnn, **own}, "detector.rcnn")
             self.roi_code = BinCode(
                 self.second.search, self.second.bin, self.second.yaw_bins, pi / 2, size
             )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.core.typed import Count, NotNegative, Positive, Share
 from fl3d.geometry.iou import bev_and_3d_iou_velo
 from fl3d.geometry.nms import nms
 
@@ -34,10 +35,10 @@ class ProposalRule:
         depths: rows of nearest and farthest depth in metres and the share of both counts between them.
     """
 
-    iou: float
-    count: int
-    candidates: int
-    depths: Sequence[tuple[float, float, float]]
+    iou: Share
+    count: Count
+    candidates: Count
+    depths: Sequence[tuple[NotNegative, Positive, Share]]
 
     def choose(self, boxes_velo: Float, scores: Float) -> NDArray[np.int64]:
         """Indices of the proposals of a frame, best score first: (N, 7), (N,) -> (P,)."""
@@ -76,15 +77,15 @@ class RoiRule:
         tries: jitters of a foreground region, until one overlaps enough; the background has one.
     """
 
-    count: int
-    foreground: float
-    fg_iou: float
-    bg_iou: float
-    easy_iou: float
-    hard: float
-    positive_iou: float
-    regress_iou: float
-    tries: int
+    count: Count
+    foreground: Share
+    fg_iou: Share
+    bg_iou: Share
+    easy_iou: Share
+    hard: Share
+    positive_iou: Share
+    regress_iou: Share
+    tries: Count
 
     def draw(
         self, proposals: Float, objects: Float, rng: np.random.Generator

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from fl3d.core.typed import Count, Positive, make
 from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
 from fl3d.data.voxels import Grid, Voxels, voxelize
@@ -67,13 +68,13 @@ class VoxelNet(Detector):
         self,
         loss: DetectionLoss,
         range_velo: Sequence[float],
-        voxel_size: Sequence[float],
-        max_points: int,
-        vfe: tuple[int, int],
-        voxel_features: int,
-        middle: int,
-        rpn: tuple[int, int, int],
-        up: int,
+        voxel_size: Sequence[Positive],
+        max_points: Count,
+        vfe: tuple[Count, Count],
+        voxel_features: Count,
+        middle: Count,
+        rpn: tuple[Count, Count, Count],
+        up: Count,
         anchors: Mapping[str, object],
         targets: TargetRule,
         heading_fold: float,
@@ -109,7 +110,9 @@ class VoxelNet(Detector):
             depth = (depth + 2 * pad - 3) // stride + 1
         self.rpn = RPN(middle * depth, rpn, up, norm_order)
         shape = (-(-height // 2), -(-width // 2))
-        self.matcher = Anchors(range_velo=self.grid.range_velo, shape=shape, **anchors)  # type: ignore[arg-type]
+        self.matcher = make(
+            Anchors, anchors, "detector.anchors", range_velo=self.grid.range_velo, shape=shape
+        )
         self.anchors = self.matcher.boxes_velo
         init_he(self)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -25,6 +26,15 @@ METRIC_NAMES = tuple(
     for average in ("", "_r40")
     for difficulty in DIFFICULTIES
 )
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _are_numbers(values: object, count: int) -> bool:
+    is_list = isinstance(values, list | tuple) and len(values) == count
+    return is_list and all(_is_number(value) for value in values)  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True)
@@ -75,19 +85,23 @@ class Protocol:
                 raise ConfigError(
                     f"protocol.{key}: no choice '{value}'. {options(value, possible)}"
                 )
-        for name in self.overlaps:
+        for name, own in self.overlaps.items():
+            if not _are_numbers(own, 3) or not all(0 <= overlap <= 1 for overlap in own):
+                raise ConfigError(
+                    f"protocol.overlaps.{name}: {own} are not three numbers from 0 to 1, for image, BEV and 3D"
+                )
             if name.lower() not in {known.lower() for known in TYPES}:
                 raise ConfigError(f"protocol.overlaps: no class '{name}'. {options(name, TYPES)}")
         for key, number in (("score_threshold", self.score_threshold), ("nms_iou", self.nms_iou)):
-            if not isinstance(number, int | float) or not 0 <= number <= 1:
+            if not _is_number(number) or not 0 <= number <= 1:
                 raise ConfigError(f"protocol.{key}: '{number}' is not a number from 0 to 1")
-        if not isinstance(self.max_detections, int) or self.max_detections < 1:
+        count = self.max_detections
+        if not isinstance(count, int) or isinstance(count, bool) or count < 1:
             raise ConfigError(
                 f"protocol.max_detections: '{self.max_detections}' is not a whole number of at least 1"
             )
-        if self.ignore_beyond is not None and len(self.ignore_beyond) != 4:
+        if self.ignore_beyond is not None and not _are_numbers(self.ignore_beyond, 4):
             raise ConfigError(f"protocol.ignore_beyond: {self.ignore_beyond} is not x0, y0, x1, y1")
-
         self._check_limits()
 
     def _check_limits(self) -> None:

@@ -129,7 +129,9 @@ def results_digest(folder: Path, ids: Sequence[str]) -> str:
 def _types_in(folder: Path, ids: Sequence[str]) -> list[str]:
     found: set[str] = set()
     for frame_id in ids:
-        lines = (folder / f"{frame_id}.txt").read_text(errors="replace").splitlines()
+        lines = (
+            (folder / f"{frame_id}.txt").read_text(encoding="utf-8", errors="replace").splitlines()
+        )
         found |= {line.split()[0] for line in lines if line.split()}
     return sorted(found)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from fl3d.data.dataset import Frames
 from fl3d.evaluation.detections import Detections, Validation, read_detections, score
 from fl3d.evaluation.protocol import Protocol
@@ -30,17 +32,23 @@ def scores_of(
     return scores
 
 
-def detect_again(folder: RunFolder, step: int) -> Detections:
+def detect_again(folder: RunFolder, step: int, data: Path | None = None) -> Detections:
     """What a checkpoint's weights predict on the validation frames now.
+
+    Args:
+        folder: of its stage.
+        step: of the checkpoint.
+        data: folder of the frames; None: where they lay when the stage was started.
 
     Raises:
         CheckpointError: the weights cannot be read.
+        DataError: the frames are not there.
     """
     spec = read_spec(folder)
     settings = spec.settings
     return detect_frames(
         load(folder, step, spec.machine.device),
-        Frames(spec.kitti(), spec.machine.val_ids, 0),
+        Frames(spec.kitti(data), spec.machine.val_ids, 0),
         settings.max_boxes,
         settings.min_score,
         spec.machine.device,

@@ -16,6 +16,7 @@ from fl3d.detectors.base import Detector
 from fl3d.inference.detect import to_device
 from fl3d.inference.load import load
 from fl3d.inference.precision import multiplying
+from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import read_spec
 
@@ -37,15 +38,21 @@ class Windows:
     frames: int
 
 
-def windows_of(folder: RunFolder, step: int) -> Windows:
+def windows_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> Windows:
     """Windows of a checkpoint; the network is run once, and what it says is kept beside the detections.
+
+    Args:
+        sweep: whose frames they are of.
+        folder: of the stage that holds the checkpoint.
+        step: of the checkpoint.
 
     Raises:
         CheckpointError: the weights cannot be read.
+        DataError: the frames are not there.
     """
     path = folder.windows(step)
     if not path.exists():
-        found = _run(folder, step)
+        found = _run(sweep, folder, step)
         write_atomically(path, lambda temporary: _save(temporary, found))
     with np.load(path) as stored:
         return Windows(stored["positive"], stored["negative"], int(stored["frames"]))
@@ -58,12 +65,12 @@ def _save(path: Path, found: Windows) -> None:
         )
 
 
-def _run(folder: RunFolder, step: int) -> Windows:
+def _run(sweep: FinishedSweep, folder: RunFolder, step: int) -> Windows:
     spec = read_spec(folder)
     device = (
         spec.machine.device if torch.cuda.is_available() else "cpu"
     )  # trained elsewhere, perhaps
-    frames = Frames(spec.kitti(), spec.machine.val_ids, 0)
+    frames = Frames(spec.kitti(sweep.kitti().root), spec.machine.val_ids, 0)
     detector = load(folder, step, device)
     with multiplying(spec.settings.precision, device):
         return collect_windows(detector, frames, device)

@@ -24,7 +24,7 @@ def write_index(results: Path) -> Path:
         parts += _pictures(folder, "forest_*")
         tables = _tables(folder / "tables")
         tables.sort(key=lambda path: VERDICTS not in path.stem)  # stable: the others follow
-        parts += [path.read_text() for path in tables]
+        parts += [path.read_text(encoding="utf-8") for path in tables]
         for pattern in PICTURES:
             parts += _pictures(folder, pattern)
     path = results / "README.md"

@@ -181,5 +181,5 @@ def _provenance(sweep: FinishedSweep, words: Sequence[str]) -> tuple[str, ...]:
         listing(sorted(made - {""})),
         paragraph(f"Protocol {sweep.protocol.id}: {json.dumps(asdict(sweep.protocol))}"),
         folded("Stages", preformatted("\n".join(sorted(stages)))),
-        link(ADDRESS, f"In MLflow (make ui): experiment {sweep.settings.experiment}"),
+        link(ADDRESS, f"In MLflow (make ui): experiment {sweep.settings.stored_as}"),
     )

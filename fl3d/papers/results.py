@@ -120,7 +120,7 @@ def write_sweep(
     folder = sweep.settings.results_folder
     remove_old_temporaries(folder)
     file = score_file(folder, sweep.name)
-    is_new = not file.exists() or file.read_text() != score_text(sweep.scores)
+    is_new = not file.exists() or file.read_text(encoding="utf-8") != score_text(sweep.scores)
     tables = make_tables(sweep, feeding)
     if is_new:
         remove_views(sweep.name, tables, folder)  # of other scores: a folder shows one set

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from fl3d.core.typed import Count, NotNegative
 from fl3d.points.features import grouped, is_single, largest
 from fl3d.points.operators import ball_query, farthest_points, gather, interpolate
 
@@ -55,10 +56,10 @@ class Level:
         widths: of each scale's layers.
     """
 
-    count: int | None
-    radii: Sequence[float]
-    samples: Sequence[int]
-    widths: Sequence[Sequence[int]]
+    count: Count | None
+    radii: Sequence[NotNegative]
+    samples: Sequence[Count]
+    widths: Sequence[Sequence[Count]]
 
     @property
     def c_out(self) -> int:

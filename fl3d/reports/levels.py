@@ -12,12 +12,14 @@ from typing import Any
 
 import pandas as pd
 
+from fl3d.core.digests import digest
 from fl3d.reports.seeds import PAIRED, better_in_pairs, seeds_by, seeds_note
 from fl3d.reports.table import HEADS, Cell, Column, Table
 
 SYMBOLS = {"alpha": "α", "beta": "β", "eta": "η", "gamma": "γ"}  # as the papers write them
 VIEWS = ("bev", "3d")
 DIFFICULTIES = ("easy", "moderate", "hard")
+LONGEST_SLUG = 100  # bytes: file names end at 255, and a sweep's name and an ending stand beside it
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,11 @@ def rescored_tables(
 
 
 def slug(text: str) -> str:
-    """A label as part of a file name; -1 is told from 1."""
+    """A label as part of a file name; -1 is told from 1, and long ones are cut where they would make no file's name."""
     signed = re.sub(r"(?<![a-z0-9])-(?=[.\d])", "minus", text.lower())
     kept = "".join(letter if letter.isalnum() else "-" for letter in signed)
-    return "-".join(part for part in kept.split("-") if part)
+    whole = "-".join(part for part in kept.split("-") if part)
+    if len(whole.encode()) <= LONGEST_SLUG:
+        return whole
+    short = whole.encode()[:LONGEST_SLUG].decode(errors="ignore")
+    return f"{short}-{digest(text)[:8]}"

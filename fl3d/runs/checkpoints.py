@@ -67,7 +67,7 @@ def read_marker(paths: RunFolder, step: int) -> Checkpoint:
     """
     path = paths.marker(step)
     try:
-        return Checkpoint(**json.loads(path.read_text()))
+        return Checkpoint(**json.loads(path.read_text(encoding="utf-8")))
     except (ValueError, TypeError) as error:
         raise CheckpointError(f"{path}: is not a checkpoint's marker ({error})") from None
 

@@ -110,8 +110,9 @@ def clean(
 
 
 def _refuse_while_running(layout: StoreFolder) -> None:
-    for lease, holder in living(layout.plans.glob("*.lease")).items():
-        raise StoreError(f"{lease.stem} is being run by {holder}; nothing is deleted meanwhile")
+    for lease, holder in living(layout.leases()).items():
+        name = lease.relative_to(layout.plans).with_suffix("")
+        raise StoreError(f"{name} is being run by {holder}; nothing is deleted meanwhile")
 
 
 def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Findings:
@@ -120,9 +121,9 @@ def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Finding
     for run in idle:
         if run.is_done:
             _find_weights(run, keep_every, found)
-    found.waste += _temporary(layout.root)
+    found.waste += _temporary(layout)
     try:
-        named = named_stages(sorted(layout.plans.glob("*.json")))
+        named = named_stages(layout)
     except StoreError as error:
         if orphans:
             raise StoreError(f"--orphans: nobody can tell which stages it names: {error}") from None
@@ -136,8 +137,7 @@ def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Finding
 
 def _idle_runs(layout: StoreFolder) -> Iterator[RunFolder]:
     """Stages that nobody trains now."""
-    every = [RunFolder(path) for path in sorted(layout.stages.glob("*"))]
-    runs = [run for run in every if run.spec.exists()]
+    runs = [run for run in layout.runs() if run.spec.exists()]
     held = living(run.lease for run in runs)
     yield from (run for run in runs if run.lease not in held)
 
@@ -150,9 +150,11 @@ def _find_weights(run: RunFolder, keep_every: int | None, found: Findings) -> No
         found.notes.append(f"All its weights are kept: {error}")
 
 
-def _temporary(root: Path) -> Iterator[Waste]:
-    for path in sorted(root.rglob(TEMPORARY)):
-        if is_old_temporary(path):
+def _temporary(layout: StoreFolder) -> Iterator[Waste]:
+    programs = [run.work for run in layout.runs()]
+    for path in sorted(layout.root.rglob(TEMPORARY)):
+        is_ours = not any(path.is_relative_to(work) for work in programs)
+        if is_ours and is_old_temporary(path):
             yield Waste("temporary files of processes that were killed", path)
 
 

@@ -154,13 +154,33 @@ def refuse_twins(trials: Iterable[Trial]) -> None:
             )
 
 
-def baseline_level(levels: Sequence[str], factor: Sequence[str], asked: Any) -> str:
+def detector_levels(
+    factor: Sequence[str], trials: Iterable[tuple[Mapping[str, Any], str]]
+) -> dict[str, str]:
+    """Levels that are detectors, by the names that the config has for them.
+
+    Args:
+        factor: keys that are compared.
+        trials: values and level of each.
+    """
+    if tuple(factor) != (DETECTOR,):
+        return {}
+    return {label_of(values[DETECTOR]): level for values, level in trials if DETECTOR in values}
+
+
+def baseline_level(
+    levels: Sequence[str],
+    factor: Sequence[str],
+    asked: Any,
+    names: Mapping[str, str] | None = None,
+) -> str:
     """The level that the others are held against.
 
     Args:
         levels: of the sweep, in its order.
         factor: keys of the factor.
         asked: ``sweep.baseline``: a value, a label, or for several keys a value of each; None: the first level.
+        names: other names of levels, see ``detector_levels``.
 
     Raises:
         ConfigError: there is no such level.
@@ -168,6 +188,7 @@ def baseline_level(levels: Sequence[str], factor: Sequence[str], asked: Any) -> 
     if asked is None:
         return levels[0]
     wanted = asked_label(factor, asked)
+    wanted = (names or {}).get(wanted, wanted)
     if wanted not in levels:
         raise ConfigError(f"sweep.baseline: no level '{wanted}'. {options(wanted, levels)}")
     return wanted

@@ -24,7 +24,7 @@ from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import select
 from fl3d.evaluation.stored import StoredDetections
 from fl3d.reports.levels import Levels
-from fl3d.runs.design import SEED, baseline_level, factor_name, in_order, label_of
+from fl3d.runs.design import SEED, baseline_level, detector_levels, factor_name, in_order, label_of
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.plans import FrozenPlan, FrozenTrial, read_plan
 from fl3d.runs.scores import read_score_file, score_file, tidy
@@ -150,7 +150,10 @@ class FinishedSweep:
         if asked is None:
             return self.plan.baseline
         levels = list(dict.fromkeys(trial.level for trial in self.plan.trials))
-        return baseline_level(levels, self.factor, asked)
+        named = detector_levels(
+            self.factor, [(trial.values, trial.level) for trial in self.plan.trials]
+        )
+        return baseline_level(levels, self.factor, asked, named)
 
     @cached_property
     def levels(self) -> list[str]:
@@ -202,7 +205,7 @@ class FinishedSweep:
         if not self.is_from_store:
             return {}
         store = store or open_store(self.settings.store.root, self.settings.store.uri)
-        raw = store.read(self.settings.experiment)
+        raw = store.read(self.settings.stored_as)
         own = raw[
             (raw["protocol"] == self.protocol.id)
             & raw["trial"].isin({trial.key for trial in self.trials})
@@ -210,16 +213,21 @@ class FinishedSweep:
         return dict(zip(own["trial"], own["run"], strict=True))
 
     def kitti(self) -> KittiFolder:
-        """Its frames."""
+        """Its frames, where its settings say that they lie, or where they lay.
+
+        Raises:
+            DataError: they are not there, or others are.
+        """
+        return self._kitti
+
+    @cached_property
+    def _kitti(self) -> KittiFolder:
         spec = read_spec(self.trials[0].folder)
-        moved = self.settings.data.root
-        if (
-            not spec.machine.data_root.is_dir()
-            and moved is not None
-            and not self.settings.data.generate
-        ):
-            return spec.kitti(moved)
-        return spec.kitti()
+        given = self.settings.data.root
+        if given is not None and self.settings.data.generate:
+            given = given / spec.machine.data_root.name  # below it lie several simulated ones
+        is_there = given is not None and (given / "training").is_dir()
+        return spec.kitti(given if is_there else None)
 
     @cached_property
     def validation(self) -> Validation:
@@ -279,7 +287,7 @@ def _from_store(settings: Settings) -> FinishedSweep | None:
         for trial in plan.trials
         if layout.run(trial.key).is_done
     ]
-    raw = open_store(settings.store.root, settings.store.uri).read(settings.experiment)
+    raw = open_store(settings.store.root, settings.store.uri).read(settings.stored_as)
     scores = tidy(raw, [trial.plan for trial in trials], settings.protocol)
     if scores.empty:
         return None

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
+
+from fl3d.core.errors import StoreError
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,26 @@ class RunFolder:
     def is_done(self) -> bool:
         """Whether the stage is trained to its end."""
         return self.done.exists()
+
+    @property
+    def root(self) -> Path:
+        """Of the store that it lies in, absolute."""
+        return self.path.absolute().parent.parent
+
+    def here(self, written: str) -> Path:
+        """Where a file of the folder lies now, whose place was written down before the store was moved.
+
+        Args:
+            written: relative to the folder, or absolute as it was then; a path that leads elsewhere stays.
+        """
+        path = Path(written)
+        if path.is_absolute():
+            ending = (self.path.parent.name, self.key)
+            places = [n for n in range(1, len(path.parts)) if path.parts[n - 1 : n + 1] == ending]
+            if not places:
+                return path
+            path = Path(*path.parts[places[-1] + 1 :])
+        return self.path / path
 
     def beside(self, key: str) -> RunFolder:
         """The folder of another stage of the same store."""
@@ -134,18 +159,86 @@ class StoreFolder:
         """The run folder of a stage."""
         return RunFolder(self.stages / key)
 
+    def runs(self) -> list[RunFolder]:
+        """The run folders of all stages, in alphabetical order."""
+        return [RunFolder(path) for path in sorted(self.stages.glob("*")) if path.is_dir()]
+
     def plan(self, experiment: str) -> Path:
         """The frozen plan of a sweep."""
         return self.plans / f"{experiment}.json"
+
+    def plan_files(self) -> list[Path]:
+        """What lies in the folder of plans, however deep: names that hold a slash were possible once.
+
+        Raises:
+            StoreError: a folder of it cannot be read.
+        """
+        return [path for path in files_below(self.plans) if path.suffix == ".json"]
+
+    def leases(self) -> list[Path]:
+        """Leases of sweeps, held or left behind, however deep.
+
+        Raises:
+            StoreError: a folder of them cannot be read.
+        """
+        return [path for path in files_below(self.plans) if path.suffix == ".lease"]
+
+    def strays(self) -> list[Path]:
+        """Files that may be plans and lie elsewhere in the store: a name that began with ``../`` put them there.
+
+        What stages hold is left out: nothing but fl3d and a user's program writes there.
+
+        Raises:
+            StoreError: a folder of the store cannot be read.
+        """
+        own = {run.path for run in self.runs()} | {self.plans}
+        return [path for path in files_below(self.root, own) if path.suffix == ".json"]
 
     def lease(self, experiment: str) -> Path:
         """Held by the process that runs the sweep."""
         return self.plans / f"{experiment}.lease"
 
+    @property
+    def checks(self) -> Path:
+        """Folder of what looks at data found."""
+        return self.root / "checks"
+
     def check(self, key: str) -> Path:
         """What a look at a sweep's data found, see ``sweep.checked``."""
-        return self.root / "checks" / f"{key}.json"
+        return self.checks / f"{key}.json"
 
     def study(self, name: str) -> Path:
         """The journal of an Optuna study."""
         return self.root / "studies" / f"{name}.log"
+
+    def study_lease(self, name: str) -> Path:
+        """Held by the process that opens an Optuna study."""
+        return self.root / "studies" / f"{name}.lease"
+
+
+def files_below(folder: Path, without: Collection[Path] = ()) -> list[Path]:
+    """All files below a folder, those behind links among them, in alphabetical order; none where it is not there.
+
+    Args:
+        folder: the folder.
+        without: folders that are left out.
+
+    Raises:
+        StoreError: a folder cannot be read, so that nobody knows what it holds.
+    """
+    if not folder.exists():
+        return []
+    found: list[Path] = []
+    seen: set[str] = set()
+    for place, folders, files in os.walk(folder, onerror=_refuse, followlinks=True):
+        here = os.path.realpath(place)
+        kept = [] if here in seen else [one for one in folders if Path(place, one) not in without]
+        folders[:] = kept
+        if here not in seen:
+            found += [Path(place, name) for name in files]
+        seen.add(here)
+    return sorted(found)
+
+
+def _refuse(error: OSError) -> NoReturn:
+    raise StoreError(f"{error.filename}: cannot be read ({error.strerror})") from None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from fl3d.core.errors import StoreError
 from fl3d.core.files import write_text
 from fl3d.core.records import Trial
+from fl3d.runs.layout import StoreFolder
 
 VERSION = (
     2  # raised whenever the file means something else. 2: values, levels and configs of trials
@@ -59,6 +60,7 @@ class FrozenPlan:
         trials: in the sweeper's order.
         earlier: stages of trials of earlier starts under the same name: they are nobody's waste.
         looks: numbers of seeds after which verdicts are asked for, where seeds are added until there is one.
+        words: of the command line that started it last.
     """
 
     factor: tuple[str, ...]
@@ -66,6 +68,7 @@ class FrozenPlan:
     trials: tuple[FrozenTrial, ...]
     earlier: tuple[str, ...] = ()
     looks: tuple[int, ...] = ()
+    words: tuple[str, ...] = ()
 
     @property
     def stages(self) -> set[str]:
@@ -109,6 +112,7 @@ def write_plan(path: Path, plan: FrozenPlan) -> None:
         "config": shared,
         "earlier": sorted(plan.earlier),
         **({"looks": plan.looks} if plan.looks else {}),
+        **({"words": plan.words} if plan.words else {}),
     }
     write_text(path, json.dumps(content, indent=1) + "\n")
 
@@ -117,10 +121,10 @@ def read_plan(path: Path) -> FrozenPlan:
     """Read what ``write_plan`` wrote.
 
     Raises:
-        StoreError: there is none, it is torn, or another version of fl3d wrote it.
+        StoreError: there is none, it is torn or cannot be read, or another version of fl3d wrote it.
     """
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_text(encoding="utf-8"))
         if content.get("version") != VERSION:
             raise StoreError(
                 f"{path}: written by another version of fl3d; run the sweep again, which renews it"
@@ -131,9 +135,12 @@ def read_plan(path: Path) -> FrozenPlan:
             trials=tuple(_trial(one, content["config"]) for one in content["trials"]),
             earlier=tuple(content["earlier"]),
             looks=tuple(content.get("looks", ())),
+            words=tuple(content.get("words", ())),
         )
     except FileNotFoundError:
         raise StoreError(f"{path}: no such file; run the sweep first") from None
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise StoreError(f"{path}: is not a sweep's plan ({error})") from None
 
@@ -154,9 +161,22 @@ def _shared(configs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def named_stages(paths: Iterable[Path]) -> set[str]:
-    """Keys of the stages that any of some plans names."""
+def named_stages(layout: StoreFolder) -> set[str]:
+    """Keys of the stages that any plan of a store names, wherever below its root the plan lies.
+
+    Raises:
+        StoreError: a plan is torn, of another version or cannot be read, so that nobody knows what it names.
+    """
+    paths = [*layout.plan_files(), *(path for path in layout.strays() if _looks_like_plan(path))]
     found: set[str] = set()
     for path in paths:
         found |= read_plan(path).stages
     return found
+
+
+def _looks_like_plan(path: Path) -> bool:
+    """Whether a file is a plan, or the beginning of one."""
+    try:
+        return '"trials": [' in path.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read ({error.strerror})") from None

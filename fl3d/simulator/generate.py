@@ -7,13 +7,12 @@ import json
 import multiprocessing as mp
 import os
 import sys
-import threading
-import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
+from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from tqdm import tqdm
 
 from fl3d.core.errors import DataError
 from fl3d.core.files import TEMPORARY, write_atomically, write_text
+from fl3d.core.interrupts import deaf_children, end_with_parent
 from fl3d.core.leases import leased
 from fl3d.data.calibration_files import write_calibration
 from fl3d.data.kitti import IMAGE_SIZE
@@ -136,7 +136,7 @@ def _tell(settings: Settings) -> dict[str, int | bool]:
 
 def _told(path: Path, folder: Path) -> dict[str, int | bool]:
     try:
-        told: dict[str, int | bool] = json.loads(path.read_text())
+        told: dict[str, int | bool] = json.loads(path.read_text(encoding="utf-8"))
     except ValueError:
         raise DataError("is no record of the simulator; give another folder", path) from None
     return told
@@ -178,27 +178,13 @@ def _written(write: partial[None], indices: list[int], workers: int | None) -> I
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     context = mp.get_context("forkserver")
-    pool = ProcessPoolExecutor(
-        workers, mp_context=context, initializer=_end_with, initargs=(os.getpid(),)
-    )
+    with deaf_children():
+        forkserver.ensure_running()
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_parent)
     try:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-def _end_with(parent: int) -> None:
-    """End this process when the one that wants the frames has been killed; its own parent is the fork server."""
-
-    def watch() -> None:
-        while True:
-            time.sleep(1)
-            try:
-                os.kill(parent, 0)
-            except OSError:
-                os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def _label(folder: Path, index: int) -> Path:

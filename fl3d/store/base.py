@@ -68,6 +68,11 @@ class Store(ABC):
         """Whether no two machines may write to it at a time."""
 
     @property
+    def file(self) -> Path | None:
+        """The one file that it is, absolute; None where it is something else."""
+        return None
+
+    @property
     def id(self) -> str:
         """Tells the runs of this root from those of others in a shared store; made at first use."""
         path = self.root / "id"
@@ -77,11 +82,19 @@ class Store(ABC):
             with contextlib.suppress(FileExistsError):  # another process was first
                 os.link(own, path)
             own.unlink()
-        return path.read_text().strip()
+        return path.read_text(encoding="utf-8").strip()
 
     @abstractmethod
     def open(self) -> None:
         """Make the store if need be, and connect to it; several processes may do so at once."""
+
+    @abstractmethod
+    def models(self, experiment: str) -> set[tuple[str, str]]:
+        """Run and name of every model of a sweep's experiment that is whole and was not deleted.
+
+        Args:
+            experiment: id.
+        """
 
     @abstractmethod
     def experiment(self, name: str, note: str) -> str:

@@ -88,6 +88,14 @@ class MemoryStore(Store):
         self.runs[run].models[name] = dict(tags)
         return f"{run}/{name}"
 
+    def models(self, experiment: str) -> set[tuple[str, str]]:
+        return {
+            (key, name)
+            for key, run in self.runs.items()
+            if run.experiment == experiment
+            for name in run.models
+        }
+
     def log_files(self, run: str, files: Iterable[Path], folder: str) -> None:
         kept = self.runs[run].files.setdefault(folder, [])
         kept.extend(path.name for path in files if path.name not in kept)

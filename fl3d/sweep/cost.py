@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import heapq
 import statistics
+import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,6 +96,7 @@ class Costs:
         self._medians: dict[tuple[str, str], tuple[float, float] | None] = {}
         self._learned: set[tuple[str, int]] = set()
         self._stages: dict[str, tuple[Stage, int]] = {}  # and its number of validation frames
+        self._kinds: dict[str, str] = {}
         self._speed: float | None = None
 
     def cost(self, stage: Stage) -> Cost:
@@ -142,9 +145,18 @@ class Costs:
         cost = self.cost(stage)
         return cost.seconds if cost.is_known else float(stage.epochs)
 
-    def learn(self) -> None:
-        """Read how long the checkpoints below the folder took; those that were read before are passed over."""
-        for path in sorted(self.stages_root.glob("*-*")):
+    def learn(self, keys: Iterable[str] | None = None) -> None:
+        """Read how long the checkpoints below the folder took; those that were read before are passed over.
+
+        Args:
+            keys: of the stages that may have new ones; None: any.
+        """
+        paths = (
+            sorted(self.stages_root.glob("*-*"))
+            if keys is None
+            else [self.stages_root / key for key in sorted(keys)]
+        )
+        for path in paths:
             folder = RunFolder(path)
             for step in folder.steps():
                 if (folder.key, step) not in self._learned:
@@ -167,12 +179,12 @@ class Costs:
             else:
                 steps = stage.epoch_steps * checkpoint_every(stage)
             rate = seconds["training"] / steps, (seconds["detection"] + seconds["scoring"]) / n_val
-            self._rates.setdefault((_kind(stage), stage.name), []).append(rate)
+            self._rates.setdefault((self._kind(stage), stage.name), []).append(rate)
             self._medians.clear()
 
     def _known_rate(self, stage: Stage) -> tuple[float, float] | None:
         """The median of stages of the same name, or else of any stage of the same network."""
-        kind = _kind(stage)
+        kind = self._kind(stage)
         if (kind, stage.name) not in self._medians:
             same = [rates for (other, _), rates in self._rates.items() if other == kind]
             rates = self._rates.get((kind, stage.name)) or [rate for some in same for rate in some]
@@ -199,7 +211,7 @@ class Costs:
         return statistics.median(found) if found else 1.0
 
     def _network(self, stage: Stage) -> _Network:
-        kind = _kind(stage)
+        kind = self._kind(stage)
         if kind not in self._networks:
             flops = sum(layer_flops(lambda: build_detector(stage.config)).values())
             step_flops = flops * read_stage_settings(stage.config).batch_size * (1 + BACKWARD)
@@ -208,6 +220,12 @@ class Costs:
             )
         return self._networks[kind]
 
+    def _kind(self, stage: Stage) -> str:
+        """Stages of one kind have the same network and take the same time a step."""
+        if stage.key not in self._kinds:
+            self._kinds[stage.key] = sys.intern(_kind(stage.config))
+        return self._kinds[stage.key]
+
     def speed(self) -> float:
         """FLOP/s of one thread of this machine at convolutions, measured once, in a fifth of a second."""
         if self._speed is None:
@@ -215,9 +233,7 @@ class Costs:
         return self._speed
 
 
-def _kind(stage: Stage) -> str:
-    """Stages of one kind have the same network and take the same time a step."""
-    config = stage.config
+def _kind(config: Config) -> str:
     if is_command(config):
         return digest([config["detector"]["name"], config["detector"]["program"]["folder"]])
     settings = read_stage_settings(config)
@@ -250,15 +266,16 @@ def makespan(plan: Plan, seconds: Mapping[str, float], slots: int) -> float:
     for key in seconds:
         parent = plan.stages[key].parent
         children.setdefault(parent if parent in seconds else None, []).append(key)
-    ready, running, now = list(children.get(None, [])), list[tuple[float, str]](), 0.0
+    ready = [(-longest[key], key) for key in children.get(None, [])]
+    heapq.heapify(ready)
+    running, now = list[tuple[float, str]](), 0.0
     while ready or running:
-        ready.sort(key=lambda key: longest[key])
         while ready and len(running) < slots:
-            key = ready.pop()
-            running.append((now + seconds[key], key))
-        now, key = min(running)
-        running.remove((now, key))
-        ready += children.get(key, [])
+            _, key = heapq.heappop(ready)
+            heapq.heappush(running, (now + seconds[key], key))
+        now, key = heapq.heappop(running)
+        for child in children.get(key, []):
+            heapq.heappush(ready, (-longest[child], child))
     return now
 
 

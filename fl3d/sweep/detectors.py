@@ -6,20 +6,17 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
 
-import torch
-
-from fl3d.config.compose import own_base
 from fl3d.config.objects import locate
+from fl3d.config.places import own_base
 from fl3d.config.settings import read_stage_settings
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config, Stage
 from fl3d.detectors.base import Detector
-from fl3d.inference.load import build_detector
 from fl3d.inference.precision import check_precision
 from fl3d.sweep.identity import leaves
+from fl3d.sweep.networks import Networks
 from fl3d.sweep.plan import DataInfo, DetectorInfo
-from fl3d.training.build import build_augmentation, build_optimizer
 from fl3d.training.command import Command, command_of, is_command
 from fl3d.training.output import compiled
 from fl3d.training.program import read_program
@@ -81,6 +78,9 @@ def planned(config: Config) -> Planned:
     return _Imported(config) if config["detector"].get("imported") else _Program(config)
 
 
+_networks = Networks()  # of this process
+
+
 class _Network(Planned):
     """A subclass of ``Detector``, trained in a process of fl3d's."""
 
@@ -103,10 +103,9 @@ class _Network(Planned):
 
     def check(self) -> None:
         """Build it, its optimiser and its augmentation."""
-        with torch.device("meta"):
-            detector = build_detector(self.config)
-            build_optimizer(self.config, detector)
-        if build_augmentation(self.config) is not None and not detector.AUGMENTED:
+        detector = _networks.network(self.config)
+        _networks.check_training(self.config)
+        if self.config["augment"] is not None and not detector.AUGMENTED:
             raise ConfigError(
                 f"augment: {detector.NAME} has its own in its YAML; augment must be null"
             )
@@ -117,7 +116,7 @@ class _Network(Planned):
         check_precision(settings.precision, device)
         detector = self._built(stage)
         if settings.compile:
-            detector.compile_dense()
+            _networks.check_compiled(stage.config)
         frozen = [
             name for name, parameter in detector.named_parameters() if not parameter.requires_grad
         ]
@@ -130,8 +129,7 @@ class _Network(Planned):
     def _built(self, stage: Stage) -> Detector:
         """The stage's network; what the schedule changes for it may be what a class does not take."""
         try:
-            with torch.device("meta"):
-                return build_detector(stage.config)
+            return _networks.network(stage.config)
         except ConfigError as error:
             changed = self.config["schedule"]["stages"][stage.name].get("set") or {}
             keys = ", ".join(key for key, _ in leaves(changed))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
+from functools import cache
 from typing import Any
 
 from fl3d.core.records import Config
@@ -88,6 +89,7 @@ def leaves(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             yield name, value
 
 
+@cache  # a sweep of 10,000 trials asks for the same few keys
 def matches(key: str, patterns: tuple[str, ...]) -> bool:
     """Whether a dotted key is named by any of the patterns."""
     return any(fnmatchcase(key, pattern) for pattern in patterns)

@@ -101,7 +101,7 @@ def read_list(path: Path) -> list[Result]:
         DataError: there is no such file, a column is missing, or a number is none.
     """
     try:
-        with path.open(newline="") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except OSError as error:
         raise DataError(f"cannot be read ({error.strerror})", path) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -11,6 +10,7 @@ from typing import Any
 
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.names import LONGEST, check_name
 from fl3d.core.records import Config, Stage, Trial, detector_label
 from fl3d.sweep.identity import hashed, of_command_stage, result_config, stable_name, targets
 from fl3d.training.command import is_command
@@ -93,9 +93,15 @@ def trial_stages(
         detector: of the config's detector.
 
     Raises:
-        ConfigError: the schedule names a stage that the detector does not offer, or a count below one.
+        ConfigError: the schedule names a stage that the detector does not offer, or a count below one; no folder can
+            have the name of the stage, or the detector's.
     """
     _check_counts(config["schedule"])
+    if len(_in_keys(config)) > LONGEST:
+        raise ConfigError(
+            f"detector.name: '{detector.name[:LONGEST]}...' is too long for the name of a folder: at most {LONGEST} "
+            "letters"
+        )
     chain: list[Stage] = []
     for name, own in config["schedule"]["stages"].items():
         if own is None:  # left out
@@ -104,6 +110,7 @@ def trial_stages(
             raise ConfigError(
                 f"schedule.stages: {detector.name} has no stage '{name}'. {options(name, detector.stages)}"
             )
+        check_name("schedule.stages", name)
         chain.append(
             _stage(
                 config,
@@ -202,8 +209,12 @@ def stage_key(
         "data": data.digest,
         "versions": list(versions),
     }
-    detector = re.sub(r"[^a-z0-9]+", "_", detector_label(config).lower())
-    return f"{detector}-{name}-{digest(content)[:10]}"
+    return f"{_in_keys(config)}-{name}-{digest(content)[:10]}"
+
+
+def _in_keys(config: Config) -> str:
+    """What a detector is called in the keys of its stages."""
+    return re.sub(r"[^a-z0-9]+", "_", detector_label(config).lower())
 
 
 def longest_paths(plan: Plan, seconds: Mapping[str, float]) -> dict[str, float]:
@@ -218,10 +229,12 @@ def longest_paths(plan: Plan, seconds: Mapping[str, float]) -> dict[str, float]:
 
 
 def _merge(base: Config, changes: Mapping[str, Any]) -> Config:
-    merged = copy.deepcopy(base)
+    """A config with changes; what is not changed is shared, for configs are never written to."""
+    merged = dict(base)
     for key, value in changes.items():
-        if isinstance(value, Mapping) and isinstance(merged.get(key), Mapping):
-            merged[key] = _merge(merged[key], value)
+        before = merged.get(key)
+        if isinstance(value, Mapping) and isinstance(before, dict):
+            merged[key] = _merge(before, value)
         else:
-            merged[key] = copy.deepcopy(value)
+            merged[key] = value
     return merged

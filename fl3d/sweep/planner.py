@@ -7,7 +7,14 @@ from collections.abc import Iterable, Sequence
 from fl3d.config.settings import Settings
 from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config, Stage, Trial
-from fl3d.runs.design import Design, asked_label, baseline_level, make_design, refuse_twins
+from fl3d.runs.design import (
+    Design,
+    asked_label,
+    baseline_level,
+    detector_levels,
+    make_design,
+    refuse_twins,
+)
 from fl3d.runs.plans import FrozenPlan, freeze
 from fl3d.sweep.detectors import planned
 from fl3d.sweep.identity import leaves, result_config
@@ -109,7 +116,14 @@ class Planner:
         )
         return FrozenPlan(
             factor=self.design.factor,
-            baseline=baseline_level(levels, self.design.factor, asked),
+            baseline=baseline_level(
+                levels,
+                self.design.factor,
+                asked,
+                detector_levels(
+                    self.design.factor, [(one.values, one.level) for one in plan.trials]
+                ),
+            ),
             trials=trials,
             earlier=tuple(set(earlier) - set(plan.stages)),
             looks=self.looks,
@@ -150,14 +164,24 @@ class Planner:
 
 
 def _refuse_unused(trial: Trial, other: Trial) -> None:
-    """Refuse two points that a command would train as one.
+    """Refuse two points that would be trained as one: what they differ in changes nothing.
 
     Raises:
-        ConfigError: naming the keys that it is not given.
+        ConfigError: naming the keys.
     """
+    if trial.overrides == other.overrides:
+        return
     differing = {
         key: value for key, value in trial.values.items() if other.values.get(key) != value
     }
     why = planned(trial.config).unused(differing) if differing else ""
     if why:
         raise ConfigError(why)
+    own, others = (
+        " ".join(word for word in one.overrides if word not in another.overrides)
+        for one, another in ((other, trial), (trial, other))
+    )
+    raise ConfigError(
+        f"'{own or 'nothing'}' and '{others or 'nothing'}' are one and the same training, so that they cannot be "
+        "compared: nothing that is trained reads it, or another word overrules it"
+    )

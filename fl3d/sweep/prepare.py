@@ -22,6 +22,7 @@ class PreparedData:
         val_ids: validation frames.
         digest: identity of all of them.
         image_digest: of what a 2D detector found in them; None where none was run.
+        labels_digest: of what the validation frames are scored by.
     """
 
     root: Path
@@ -29,6 +30,7 @@ class PreparedData:
     val_ids: tuple[str, ...]
     digest: str
     image_digest: str | None = None
+    labels_digest: str = ""
 
 
 def is_prepared(data: DataSettings) -> bool:
@@ -77,4 +79,5 @@ def prepare_data(data: DataSettings) -> PreparedData:
         val_ids=tuple(val),
         digest=whole,
         image_digest=folder.image_digest([*train, *val]),
+        labels_digest=folder.labels_digest(val),
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from fl3d.core.errors import CheckpointError, DataError, StoreDown
+from fl3d.core.errors import CheckpointError, DataError, StoreDown, StoreError
 from fl3d.core.records import Trial
 from fl3d.evaluation.selection import MEAN_3D, RULES, select
 from fl3d.runs.checkpoints import load_state, read_marker, save_state
@@ -24,7 +24,6 @@ from fl3d.sweep.sweepers.base import Standing, TrialState
 
 Draw = Callable[[Trial, int, Path], list[Path]]
 STATUS = {TrialState.FAILED: RunStatus.FAILED, TrialState.STOPPED: RunStatus.STOPPED}
-SAY_SECONDS = 60.0
 RETRY_SECONDS = 10.0  # between calls to a store that is down
 
 
@@ -83,12 +82,20 @@ class Recorder:
         self.subject = subject
         self.say = say
         self._runs: dict[str, _Run] = {}
+        self._models: set[tuple[str, str]] | None = (
+            None  # that the store held when this start began
+        )
         self._retry_at = 0.0
 
     @property
     def runs(self) -> list[str]:
         """Ids of the runs of all trials."""
         return [run.id for run in self._runs.values()]
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether the store was down when it was asked last."""
+        return self._retry_at > 0
 
     def sync(self, standings: Mapping[str, Standing]) -> bool:
         """Log every checkpoint that is on disk and not in the store, and close the runs of trials that have ended.
@@ -114,17 +121,6 @@ class Recorder:
             self._retry_at = 0.0
         return True
 
-    def finish(self, standings: Mapping[str, Standing]) -> None:
-        """As ``sync``, but wait for a store that is down."""
-        said = time.monotonic()
-        while not self.sync(standings):
-            time.sleep(0.5)
-            if time.monotonic() - said > SAY_SECONDS:
-                said = time.monotonic()
-                self.say(
-                    "All is trained. Waiting for the store, to log what is on disk; Ctrl-C and a later start do it too."
-                )
-
     def attach(self, files: list[Path], folder: str) -> None:
         """Put the sweep's tables and figures beside every trial."""
         for run in self.runs:
@@ -136,7 +132,7 @@ class Recorder:
             for run in self._runs.values():
                 if run.closed is None:
                     self.store.end(run.id, RunStatus.STOPPED)
-        except StoreDown:
+        except (StoreError, OSError):  # down, or its disk is full
             return
 
     def _sync_or_say(self, standing: Standing) -> None:
@@ -178,8 +174,15 @@ class Recorder:
         name = run_name(trial, self.subject.factor)
         run = self.store.run(self.subject.experiment, trial.key, protocol, name, tags, params)
         self.store.link_dataset(run, *self.subject.dataset, self.subject.data_root)
-        closed = RunStatus.DONE if self.store.is_finished(run) else None
+        is_whole = self.store.is_finished(run) and self._has_models(run)
+        closed = RunStatus.DONE if is_whole else None
         return _Run(run, self.store.logged_steps(run), closed)
+
+    def _has_models(self, run: str) -> bool:
+        """Whether a run's models are there: somebody may have deleted them in the UI."""
+        if self._models is None:
+            self._models = self.store.models(self.subject.experiment)
+        return all((run, rule) in self._models for rule in RULES)
 
     def _tags(self, trial: Trial) -> dict[str, str]:
         return {
@@ -216,7 +219,7 @@ class Recorder:
                 self._log_model(run, rule, stage, step, folder)
             texts = {"config.json": json.dumps(trial.config, indent=1) + "\n", **self.subject.files}
             for file, text in texts.items():
-                (folder / file).write_text(text)
+                (folder / file).write_text(text, encoding="utf-8")
             self.store.log_files(run.id, [folder / file for file in texts], "")
             self.store.log_files(run.id, self.subject.draw(trial, last, folder), "pictures")
         self.store.set_tags(

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 
+from fl3d.core import interrupts
 from fl3d.core.leases import Lease, leased
 from fl3d.runs.retention import Tidy
 from fl3d.store.base import Store
@@ -22,6 +24,7 @@ from fl3d.sweep.notes import announcement
 from fl3d.sweep.plan import Plan
 from fl3d.sweep.progress import Progress
 from fl3d.sweep.recorder import Recorder
+from fl3d.sweep.recording import Recording
 from fl3d.sweep.scheduler import Outcome, Scheduler
 from fl3d.sweep.scoreboard import Scoreboard
 from fl3d.sweep.setup import (
@@ -32,7 +35,7 @@ from fl3d.sweep.setup import (
     scoreboard,
     subject,
 )
-from fl3d.sweep.standings import no_curve, stand
+from fl3d.sweep.standings import Standings, no_curve
 from fl3d.sweep.sweepers.base import Standing
 
 POLL_SECONDS = 0.2  # a stage takes minutes; this is a five hundredth of a tiny one
@@ -88,45 +91,51 @@ def run_sweep(
         say(announcement(settings, prepared.plan, layout, launcher.slots))
         with Progress(settings.experiment, layout, costs, launcher.slots) as progress:
             recorder = Recorder(store, scores, subject(prepared, store, scores), progress.say)
+            recording = Recording(recorder)
             prepared.sweeper.consult(Disk(prepared, costs, progress.say))
             try:
-                return _loop(prepared, scheduler, recorder, scores, progress, lease)
+                with closing(scheduler):  # its stages end first: the store may not answer
+                    return _loop(prepared, scheduler, recording, scores, progress, lease)
             except BaseException:
-                recorder.interrupt()
+                recording.interrupt()
                 raise
-            finally:
-                scheduler.close()
 
 
 def _loop(
     prepared: Prepared,
     scheduler: Scheduler,
-    recorder: Recorder,
+    recording: Recording,
     scores: Scoreboard,
     progress: Progress,
     lease: Lease,
 ) -> Ran:
-    """The loop itself, until nothing runs and nothing is left to start."""
+    """The loop itself, until nothing runs and nothing is left to start; a turn costs what has changed since."""
     sweeper = prepared.sweeper
     plan = prepared.plan
+    standings = Standings(scores.curve if sweeper.listens else no_curve)
     tidy = Tidy(prepared.layout, prepared.settings.store.keep_every)
-    curve = scores.curve if sweeper.listens else no_curve
+    done: set[str] = set()  # stages whose weights may be tidied once they are recorded
     while True:
+        interrupts.check()
         lease.check()
         scheduler.step(plan)  # collect what ended, start what is ready
-        standings = stand(plan, scheduler.outcome, curve)
-        if recorder.sync(standings):
-            tidy.stages(scheduler.outcome.done)
+        news = scheduler.news() | scores.changed({*scheduler.running, *scheduler.elsewhere})
+        recording.offer(standings.update(plan, scheduler.outcome, news))
+        done |= news & scheduler.outcome.done
+        if recording.is_idle:
+            tidy.stages(done)
+            done.clear()
         advice = sweeper.advise(standings, scheduler.launcher.slots)
         if advice.points:
             plan = prepared.planner.plan(advice.points, plan)
             freeze(prepared, plan)
         scheduler.stop(advice.stop)
-        progress.show(plan, scheduler)
+        progress.show(plan, scheduler, news)
         if scheduler.is_idle(plan):
             break
         time.sleep(POLL_SECONDS)
-    standings = stand(plan, scheduler.outcome, scores.curve)
-    recorder.finish(standings)
+    final = Standings(scores.curve).update(plan, scheduler.outcome, ())
+    recording.offer(final)
+    recording.finish()
     tidy.stages(scheduler.outcome.done)
-    return Ran(plan=plan, outcome=scheduler.outcome, standings=standings, recorder=recorder)
+    return Ran(plan=plan, outcome=scheduler.outcome, standings=final, recorder=recording.recorder)

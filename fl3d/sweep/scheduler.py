@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from fl3d.core.errors import StageFailed
+from fl3d.core.errors import StageFailed, Unwritable
+from fl3d.core.files import ROOM, check_writable
 from fl3d.core.leases import holder_of
 from fl3d.core.records import Stage
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.spec import Machine, Spec, write_spec
 from fl3d.sweep.launchers.base import Job, JobState, Launcher, LauncherBusy
-from fl3d.sweep.plan import Plan, longest_paths
+from fl3d.sweep.plan import Plan
+from fl3d.sweep.ready import Ready
 
 MAX_TRIES = 3  # of a stage that was killed
 BUSY_SECONDS = 30.0  # before a launcher that refused a stage is asked again
@@ -24,7 +26,7 @@ class Outcome:
 
     Args:
         trained: keys that were trained now.
-        reused: keys that were done before.
+        reused: keys that were done before, or by another sweep meanwhile.
         stopped: keys that were ended before their last epoch, as the sweeper wished.
         failed: keys, each with its traceback.
         blocked: keys whose ancestors failed.
@@ -37,10 +39,6 @@ class Outcome:
     failed: dict[str, str] = field(default_factory=dict)
     blocked: list[str] = field(default_factory=list)
     done: set[str] = field(default_factory=set)
-
-    def ended(self) -> set[str]:
-        """Keys that will not be trained any further, though they are not done."""
-        return {*self.stopped, *self.failed, *self.blocked}
 
     def check(self) -> None:
         """Raise if anything failed.
@@ -60,6 +58,9 @@ class Outcome:
 class Scheduler:
     """Runs the stages of a plan, step by step; between two steps the plan may have grown.
 
+    A step costs what has changed since the one before, and not what there is: a stage is looked for on disk when the
+    plan gains it, when its turn has come, and while another sweep trains it.
+
     Args:
         machine: settings of this machine.
         launcher: where stages run.
@@ -77,11 +78,12 @@ class Scheduler:
         self.machine = machine
         self.launcher = launcher
         self.layout = layout
-        self.seconds = seconds or (lambda stage: float(stage.steps))
         self.outcome = Outcome()
         self.elsewhere: set[str] = set()  # ready, and in training by another sweep
+        self._ready = Ready(seconds or (lambda stage: float(stage.steps)))
         self._running: dict[str, Job] = {}
-        self._seen: set[str] = set()
+        self._ended: set[str] = set()  # not done, and not to be trained any further
+        self._news: set[str] = set()
         self._tries: dict[str, int] = {}  # of a stage since it last made progress
         self._newest: dict[str, int] = {}  # step, when a stage was started
         self._wait_until = 0.0  # when a launcher that refused a stage is asked again; 0: it has not
@@ -97,17 +99,22 @@ class Scheduler:
         self._look(plan)
         self._start_ready(plan)
 
+    def news(self) -> set[str]:
+        """Stages of which something has become since this was asked last."""
+        found, self._news = self._news, set()
+        return found
+
     def is_idle(self, plan: Plan) -> bool:
         """Whether there is nothing to wait for; stages that it has not seen yet may be done, and then are news."""
         is_waiting = bool(self._running or self.elsewhere or self._wait_until)
-        return not is_waiting and self._seen.issuperset(plan.stages)
+        return not is_waiting and self._ready.has_seen(plan)
 
     def stop(self, keys: Iterable[str]) -> None:
         """End stages before their last epoch; what they have done stays."""
         for key in keys:
-            if key not in self.outcome.done and key not in self.outcome.ended():
+            if key not in self.outcome.done and key not in self._ended:
                 self.outcome.stopped.append(key)
-                self._cancel(key)
+                self._end(key)
 
     def close(self) -> None:
         """End the running stages, and let go of the launcher."""
@@ -115,39 +122,54 @@ class Scheduler:
             job.cancel()
         self.launcher.close()
 
-    def _cancel(self, key: str) -> None:
+    def _end(self, key: str) -> None:
+        """Train a stage no further."""
+        self._ended.add(key)
+        self._news.add(key)
         job = self._running.pop(key, None)
         if job is not None:
             job.cancel()
 
     def _look(self, plan: Plan) -> None:
-        """See which stages are done, by us or by others."""
-        for key in plan.stages:
-            is_new = key not in self._seen
-            self._seen.add(key)
-            if key in self.outcome.done or key in self._running:
-                continue
-            if self.layout.run(key).is_done:
-                self.outcome.done.add(key)
-                if is_new or key in self.elsewhere:
-                    self.outcome.reused.append(key)
+        """See which stages are done, of those that are new and of those that others train."""
+        for key in self._ready.grow(plan):
+            if not self._is_done_by_now(key) and self._is_ready(plan.stages[key]):
+                self._ready.add(key)
+        for key in self.elsewhere:
+            if not self._is_done_by_now(key):
+                self._ready.add(key)
+
+    def _is_done_by_now(self, key: str) -> bool:
+        """Whether a stage is done that this sweep has not trained."""
+        if key not in self.outcome.done and self.layout.run(key).is_done:
+            self.outcome.reused.append(key)
+            self._done(key)
+        return key in self.outcome.done
+
+    def _done(self, key: str) -> None:
+        self.outcome.done.add(key)
+        self._news.add(key)
+        self._add_children(key)
+
+    def _add_children(self, key: str) -> None:
+        for child in self._ready.children(key):
+            self._ready.add(child)
 
     def _start_ready(self, plan: Plan) -> None:
         self.elsewhere = set()
         if len(self._running) >= self.launcher.slots or time.monotonic() < self._wait_until:
             return
         self._wait_until = 0.0
-        ready = [stage for stage in plan.stages.values() if self._is_ready(stage)]
-        if ready:
-            longest = longest_paths(plan, self._todo(plan))
-            ready.sort(key=lambda stage: -longest[stage.key])
-        for stage in ready:
-            if len(self._running) >= self.launcher.slots:
-                break
-            if holder_of(self.layout.run(stage.key).lease) is not None:
-                self.elsewhere.add(stage.key)  # it will be done, or its lease will end
+        for key in self._ready.drain():
+            if not self._is_ready(plan.stages[key]) or self._is_done_by_now(key):
                 continue
-            if not self._launch(stage):
+            if len(self._running) >= self.launcher.slots:
+                self._ready.add(key)
+                break
+            if holder_of(self.layout.run(key).lease) is not None:
+                self.elsewhere.add(key)  # it will be done, or its lease will end
+            elif not self._launch(plan.stages[key]):
+                self._ready.add(key)
                 break
 
     def _launch(self, stage: Stage) -> bool:
@@ -163,6 +185,8 @@ class Scheduler:
             self._wait_until = time.monotonic() + BUSY_SECONDS
             return False
         self._count_try(folder)
+        if self.launcher.has_queue:
+            self._add_children(stage.key)
         return True
 
     def _count_try(self, folder: RunFolder) -> None:
@@ -172,16 +196,8 @@ class Scheduler:
         self._newest[folder.key] = newest
         self._tries[folder.key] = self._tries.get(folder.key, 0) + 1
 
-    def _todo(self, plan: Plan) -> Mapping[str, float]:
-        done = self.outcome.done
-        return {key: self.seconds(stage) for key, stage in plan.stages.items() if key not in done}
-
     def _is_ready(self, stage: Stage) -> bool:
-        if (
-            stage.key in self._running
-            or stage.key in self.outcome.done
-            or stage.key in self.outcome.ended()
-        ):
+        if stage.key in self._running or stage.key in self.outcome.done or stage.key in self._ended:
             return False
         if stage.parent is None or stage.parent in self.outcome.done:
             return True
@@ -190,17 +206,22 @@ class Scheduler:
     def _collect(self, plan: Plan) -> None:
         for key, job in list(self._running.items()):
             state = job.state()
-            if not state.is_finished():
-                continue
-            del self._running[key]
-            folder = self.layout.run(key)
-            if folder.is_done:
-                self.outcome.done.add(key)
-                self.outcome.trained.append(key)
-            elif self._parent_is_lost(plan, key) or holder_of(folder.lease) is not None:
-                continue  # or another sweep has taken it over
-            elif state is not JobState.KILLED or self._tries[key] >= MAX_TRIES:
-                self._fail(plan, folder, state)
+            if state.is_finished() and self._running.pop(key, None) is not None:
+                self._take(plan, key, state)
+
+    def _take(self, plan: Plan, key: str, state: JobState) -> None:
+        """See what has become of a stage whose job has ended."""
+        folder = self.layout.run(key)
+        self._news.add(key)
+        if folder.is_done:
+            self.outcome.trained.append(key)
+            self._done(key)
+        elif self._parent_is_lost(plan, key) or holder_of(folder.lease) is not None:
+            self._ready.add(key)  # or another sweep has taken it over
+        elif state is not JobState.KILLED or self._tries[key] >= MAX_TRIES:
+            self._fail(folder, state)
+        else:
+            self._ready.add(key)
 
     def _parent_is_lost(self, plan: Plan, key: str) -> bool:
         """Whether a stage could not start as its parent is not whole or has not ended; that is trained first."""
@@ -208,23 +229,33 @@ class Scheduler:
         if parent is None or self.layout.run(parent).is_done:
             return False
         if parent not in self.outcome.done:
-            return parent not in self.outcome.ended()
+            return parent not in self._ended
         if self._tries[key] >= MAX_TRIES:
             return False
         self.outcome.done.discard(parent)
+        self._ready.add(parent)
         return True
 
-    def _fail(self, plan: Plan, folder: RunFolder, state: JobState) -> None:
+    def _fail(self, folder: RunFolder, state: JobState) -> None:
         self.outcome.failed[folder.key] = self._reason(folder, state)
-        lost = {folder.key}
-        for stage in plan.stages.values():
-            if stage.parent in lost:
-                lost.add(stage.key)
-                self.outcome.blocked.append(stage.key)
-                self._cancel(stage.key)
+        self._end(folder.key)
+        for key in self._ready.descendants(folder.key):
+            self.outcome.blocked.append(key)
+            self._end(key)
 
     def _reason(self, folder: RunFolder, state: JobState) -> str:
         if state is JobState.KILLED:
             return f"killed {self._tries[folder.key]} times without making progress"
-        trace = folder.error.read_text() if folder.error.exists() else ""
-        return trace or "ended without a traceback; see the logs in its folder"
+        trace = folder.error.read_text(encoding="utf-8") if folder.error.exists() else ""
+        return (
+            trace or _unwritable(folder) or "ended without a traceback; see the logs in its folder"
+        )
+
+
+def _unwritable(folder: RunFolder) -> str:
+    """Why a stage could not even say what was wrong; nothing where it could have."""
+    try:
+        check_writable(folder.path, ROOM)
+    except Unwritable as error:
+        return str(error)
+    return ""

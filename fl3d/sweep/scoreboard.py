@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterable
 
 from fl3d.core.errors import CheckpointError, DataError
 from fl3d.core.records import Stage
@@ -29,6 +30,7 @@ class Scoreboard:
         self.protocol = protocol
         self._read: dict[tuple[str, int], APs] = {}
         self._steps: dict[str, tuple[int, list[int]]] = {}
+        self._told: dict[str, int] = {}
 
     def folder(self, key: str) -> RunFolder:
         """Run folder of a stage."""
@@ -44,6 +46,13 @@ class Scoreboard:
         if self._steps.get(key, (-1, []))[0] != changed:
             self._steps[key] = (changed, folder.steps())
         return self._steps[key][1]
+
+    def changed(self, keys: Iterable[str]) -> set[str]:
+        """Stages among some that have other checkpoints than when this was asked last."""
+        steps = {key: len(self.steps(key)) for key in keys}
+        found = {key for key, count in steps.items() if count != self._told.get(key, 0)}
+        self._told |= steps
+        return found
 
     def aps(self, key: str, step: int) -> APs:
         """APs of a stage's checkpoint, such as ``ap_3d/moderate``, in percent."""

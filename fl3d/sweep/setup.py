@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import socket
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from fl3d.config.compose import own_folders
+from fl3d.config.places import own_folders
 from fl3d.config.settings import Settings, read_settings
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.leases import living
@@ -19,6 +20,7 @@ from fl3d.store.base import Store
 from fl3d.sweep.identity import reading
 from fl3d.sweep.notes import note
 from fl3d.sweep.pictures import draw_frame_with_most_cars
+from fl3d.sweep.places import check_places
 from fl3d.sweep.plan import DataInfo, Plan
 from fl3d.sweep.planner import Planner
 from fl3d.sweep.prepare import PreparedData, prepare_data
@@ -38,6 +40,7 @@ class Prepared:
         data: where the frames lie.
         planner: lays out what the sweeper proposes.
         plan: of the trials that are known beforehand.
+        words: of the command line; empty: it was not started from one.
         looks_before: of the plan that an earlier start has left, see ``runs.plans.FrozenPlan``.
     """
 
@@ -47,6 +50,7 @@ class Prepared:
     planner: Planner
     plan: Plan
     looks_before: tuple[int, ...]
+    words: tuple[str, ...] = ()
 
     @property
     def layout(self) -> StoreFolder:
@@ -59,16 +63,21 @@ class Prepared:
         return self.settings.data.folder(self.data.root)
 
 
-def prepare_sweep(sweeper: Sweeper) -> Prepared:
+def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
     """Find or simulate the data, and plan what the sweeper proposes first.
 
+    Args:
+        sweeper: proposes the trials.
+        words: of the command line, which the plan keeps.
+
     Raises:
-        ConfigError: there are no trials, or they cannot be run.
+        ConfigError: there are no trials, they cannot be run, or what they come to cannot be written.
         DataError: the data cannot be used.
     """
     if not sweeper.base:
         raise ConfigError("a sweep needs at least one trial")
     settings = read_settings(sweeper.base)
+    check_places(settings)
     data = prepare_data(settings.data)
     info = DataInfo(data.digest, len(data.train_ids), data.image_digest)
     planner = Planner(
@@ -84,6 +93,7 @@ def prepare_sweep(sweeper: Sweeper) -> Prepared:
         planner=planner,
         plan=plan,
         looks_before=_looks_before(settings),
+        words=tuple(words),
     )
 
 
@@ -107,6 +117,7 @@ def machine(prepared: Prepared) -> Machine:
         data_root=prepared.data.root.absolute(),
         train_ids=prepared.data.train_ids,
         val_ids=prepared.data.val_ids,
+        labels_digest=prepared.data.labels_digest,
         protocol=settings.protocol,
         device=settings.device,
         workers=settings.workers,
@@ -131,7 +142,7 @@ def freeze(prepared: Prepared, plan: Plan) -> None:
         earlier = read_plan(path).stages
     except StoreError:  # the first start, or one of another version
         earlier = set()
-    write_plan(path, prepared.planner.frozen(plan, earlier))
+    write_plan(path, replace(prepared.planner.frozen(plan, earlier), words=prepared.words))
 
 
 def _refuse_other_reading(layout: StoreFolder, plan: Plan) -> None:
@@ -160,7 +171,7 @@ def refuse_several_machines(store: Store, layout: StoreFolder) -> None:
     """
     if not store.is_for_one_machine:
         return
-    for path, holder in living(layout.plans.glob("*.lease")).items():
+    for path, holder in living(layout.leases()).items():
         if holder.host != socket.gethostname():
             raise StoreError(
                 f"{path}: {holder} runs a sweep on this store, and SQLite is for one machine at a time; "
@@ -174,7 +185,7 @@ def subject(prepared: Prepared, store: Store, scores: Scoreboard) -> Subject:
     made_by = provenance()
     changes = uncommitted() if "fl3d.diff" in made_by else ""
     return Subject(
-        experiment=store.experiment(settings.experiment, note(settings)),
+        experiment=store.experiment(settings.stored_as, note(settings)),
         factor=prepared.planner.design.factor,
         best_among=settings.best_among,
         dataset=(settings.folder_name, prepared.data.digest),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from fl3d.core.records import Stage
 from fl3d.sweep.identity import leaves
@@ -41,21 +41,39 @@ def plan_tree(plan: Plan, note: Callable[[Stage], str]) -> list[str]:
 
 def labels(siblings: list[Stage]) -> Mapping[str, str]:
     """What sets each of some stages apart: detector, name, and values that differ within these."""
-    values = {stage.key: dict(leaves(stage.config)) for stage in siblings}
-    seen: dict[tuple[str, str], dict[str, set[str]]] = {}
-    for stage in siblings:
-        texts = seen.setdefault((_target(stage), stage.name), {})
-        for key, value in values[stage.key].items():
-            texts.setdefault(key, set()).add(repr(value))
-    found = {}
-    for stage in siblings:
-        texts = seen[_target(stage), stage.name]
-        own = sorted(values[stage.key].items())
-        differing = [f"{key}={value}" for key, value in own if len(texts[key]) > 1]
+    apart = Apart(siblings)
+    return {stage.key: apart.label(stage) for stage in siblings}
+
+
+class Apart:
+    """What sets stages of one detector and name apart.
+
+    Args:
+        stages: all of them.
+    """
+
+    def __init__(self, stages: Iterable[Stage]) -> None:
+        first: dict[
+            tuple[str, str], dict[str, str]
+        ] = {}  # of each key the value that was met first
+        self._differing: dict[tuple[str, str], set[str]] = {}
+        for stage in stages:
+            kind = _kind(stage)
+            seen = first.setdefault(kind, {})
+            differing = self._differing.setdefault(kind, set())
+            for key, value in leaves(stage.config):
+                text = repr(value)
+                if seen.setdefault(key, text) != text:
+                    differing.add(key)
+
+    def label(self, stage: Stage) -> str:
+        """Its detector where it comes first, its name, and the values that differ."""
+        differing = self._differing[_kind(stage)]
+        own = {key: value for key, value in leaves(stage.config) if key in differing}
+        values = [f"{key}={own[key]}" for key in sorted(own)]
         detector = [stage.class_name] if stage.parent is None else []
-        found[stage.key] = " ".join([*detector, stage.name, *differing])
-    return found
+        return " ".join([*detector, stage.name, *values])
 
 
-def _target(stage: Stage) -> str:
-    return f"{stage.target} {stage.class_name}"
+def _kind(stage: Stage) -> tuple[str, str]:
+    return f"{stage.target} {stage.class_name}", stage.name

@@ -31,7 +31,7 @@ def tag_verdicts(sweep: FinishedSweep, verdicts: pd.DataFrame, store: Store) -> 
         if trial.key in runs and place in tags:
             store.set_tags(runs[trial.key], tags[place])
     sentences = findings(verdicts, levels_of(sweep), margin)
-    store.experiment(settings.experiment, note(settings, sentences))
+    store.experiment(settings.stored_as, note(settings, sentences))
 
 
 def _tags(row: Mapping[Hashable, Any], margin: float) -> dict[str, str]:

@@ -12,6 +12,7 @@ from fl3d.core.errors import ConfigError, StoreError, options
 from fl3d.runs.design import SEED
 from fl3d.runs.finished import FinishedSweep, open_sweep
 from fl3d.runs.plans import FrozenTrial
+from fl3d.sweep.sweepers.params import check_params
 
 PLACES = ("data", "profile", "store", "results")  # what tells where an earlier sweep lies
 PUBLISHED = CONF.parent / "results"  # scores that the project publishes
@@ -38,10 +39,11 @@ def with_winners(multirun: Multirun, say: Callable[[str], None] = print) -> Mult
         say: prints a line for the user.
 
     Raises:
-        ConfigError: a sweep that names no rule for its winner, or builds on itself.
+        ConfigError: a sweep that names no rule for its winner, or builds on itself, or swept values that are none.
         StoreError: a sweep that it builds on was not run to its end here.
     """
     sweep = read_settings(multirun.base).sweep
+    check_params(multirun.sweeper.get("params", {}))
     is_open = {key.lstrip("+") for key in multirun.sweeper.get("params", {})}  # swept now
     seen = [sweep.name]
     kept: dict[str, str] = {}

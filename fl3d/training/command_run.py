@@ -152,7 +152,7 @@ class CommandRun(StageRun):
             "python": sys.executable,
             "key": stage.key,
             "stage": stage.name,
-            "data_root": str(self.machine.data_root),
+            "data_root": str(self.kitti.root),
             "train_split": str(self.folder.split("train")),
             "val_split": str(self.folder.split("val")),
             "epochs": stage.epochs,
@@ -236,10 +236,15 @@ class CommandRun(StageRun):
             made_by={
                 "program": self.section["program"]["about"],
                 "program.folder": self.section["program"]["folder"],
-                "results": str(path),
+                "results": self._inside(path),
                 "results.sha256": results.sha256,
             },
         )
+
+    def _inside(self, path: Path) -> str:
+        """A path as seen from the stage's folder, for the store may be moved; others as they are."""
+        here = self.folder.path
+        return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
     def _steps(self) -> float:
         """Steps of its own that are done, by its checkpoints and by what it prints."""

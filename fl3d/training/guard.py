@@ -27,7 +27,9 @@ NO_PROGRAM = 127  # as shells say it
 
 def main(records: str, grace: float, command: list[str]) -> int:
     """Run the command to its end, or to its starter's."""
-    with open(records, "a") as file:  # also a lock: one command at a time in a stage's folder
+    with open(
+        records, "a", encoding="utf-8"
+    ) as file:  # also a lock: one command at a time in a stage's folder
         with contextlib.suppress(OSError):  # some file systems have no locks
             fcntl.flock(file, fcntl.LOCK_EX)
         asked: list[int] = []

@@ -122,7 +122,7 @@ def wait_for_earlier(records: Path, seconds: float) -> None:
     Raises:
         TrainingError: one still does.
     """
-    with records.open("a") as file:
+    with records.open("a", encoding="utf-8") as file:
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             try:

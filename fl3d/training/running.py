@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 
 from fl3d.core.digests import file_digest
-from fl3d.core.errors import CheckpointError, Fl3dError
+from fl3d.core.errors import CheckpointError, Fl3dError, Unwritable
 from fl3d.core.leases import Lease
 from fl3d.core.records import Checkpoint
 from fl3d.evaluation.detections import Validation, read_validation
@@ -52,7 +52,10 @@ class StageRun(ABC):
 
     def show(self, steps: float) -> None:
         """Say how many steps of its own are done; leave when the process that started this one has gone."""
-        write_progress(self.folder, steps, self.stage.steps)
+        with contextlib.suppress(
+            Unwritable
+        ):  # a full disk may have room again at the next checkpoint
+            write_progress(self.folder, steps, self.stage.steps)
         if self._parent is not None and not self._parent.is_alive():
             raise Fl3dError(
                 "the process that started this stage has ended; run the same command to resume"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 import traceback
 from dataclasses import replace
 from pathlib import Path
 
 from fl3d.config.objects import make_importable
-from fl3d.core.errors import CheckpointError, ConfigError, Fl3dError
+from fl3d.core.errors import CheckpointError, ConfigError, Fl3dError, Unwritable
 from fl3d.core.files import write_text
 from fl3d.core.leases import Lease, leased
 from fl3d.data.dataset import Frames, frames_with
@@ -50,12 +51,15 @@ def run_stage(folder: Path) -> None:
                 kind = CommandRun if is_command(spec.stage.config) else _NetworkRun
                 kind(run, lease, spec).run()
     except Exception as error:
-        write_text(run.error, _reason(run, error))
+        with contextlib.suppress(Unwritable):  # which is why it ended, and is raised
+            write_text(run.error, _reason(run, error))
         raise
 
 
 def _reason(run: RunFolder, error: Exception) -> str:
-    """A traceback; of a program, which is not fl3d's code, what is wrong is said without one."""
+    """A traceback; of a program, which is not fl3d's code, and of a disk what is wrong is said without one."""
+    if isinstance(error, Unwritable):
+        return f"{type(error).__name__}: {error}\n"
     if isinstance(error, Fl3dError) and is_command(read_spec(run).stage.config):
         return f"{type(error).__name__}: {error}\n"
     return traceback.format_exc()

@@ -31,9 +31,10 @@ class Doorway(Sweeper):
         """Run the sweep to its tables."""
         from fl3d.commands.train import train
         from fl3d.config.compose import multirun_of
+        from fl3d.sweep.by_hand import named
         from fl3d.sweep.winners import with_winners
 
-        multirun = with_winners(multirun_of(self.loader, self.composed, arguments))
+        multirun = named(with_winners(multirun_of(self.loader, self.composed, arguments)))
         train(
             self.proposer(multirun.arguments, multirun.compose),
             multirun.launcher,

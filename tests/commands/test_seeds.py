@@ -5,7 +5,8 @@ import subprocess
 import pytest
 
 from fl3d.cli import main
-from fl3d.config.compose import CONF, values_by_key
+from fl3d.config.compose import CONF
+from fl3d.config.overrides import values_by_key
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import ConfigError
 from fl3d.sweep.sweepers.grid import expand
@@ -19,7 +20,9 @@ def test_seeds_are_the_first_so_many() -> None:
     params = {"loss.gamma": "0,2"}
     by_hand = ["+sweep=gamma", "seed=0,1,2,3,4", "data=kitti"]
     assert expand(params, spelled) == expand(params, by_hand)
-    assert [point[1] for point in expand(params, spelled)[1]] == [f"seed={n}" for n in range(5)] * 2
+    assert [point[1] for point in expand(params, spelled).points] == [
+        f"seed={n}" for n in range(5)
+    ] * 2
 
 
 def test_one_seed_is_seed_0() -> None:

@@ -8,8 +8,9 @@ from typing import Any
 
 import pandas as pd
 
-from fl3d.config.compose import Multirun, multirun, values_by_key
+from fl3d.config.compose import Multirun, multirun
 from fl3d.config.objects import locate
+from fl3d.config.overrides import values_by_key
 from fl3d.config.settings import read_settings
 from fl3d.core.records import Config
 from fl3d.evaluation.protocol import METRIC_NAMES

@@ -175,3 +175,86 @@ def test_a_stage_of_another_version_keeps_its_weights_and_can_be_an_orphan(
 def test_a_folder_without_a_store_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="there is no store; give --root FOLDER"):
         clean(tmp_path, None, delete=False, orphans=False)
+
+
+@pytest.mark.parametrize("name", ["alice/gamma", "alice/of/2024/gamma", ".hidden", "../beside"])
+def test_a_plan_however_deep_keeps_the_stages_that_it_names(layout: StoreFolder, name: str) -> None:
+    """Such names were possible once: ``alice/gamma`` lay in a folder, ``../beside`` in the root."""
+    assert layout.root in named_in_a_plan(layout, name, "orphan").resolve().parents
+    said: list[str] = []
+    clean(layout.root, None, delete=True, orphans=True, say=said.append)
+    assert not any("no sweep's plan names" in line for line in said)
+    assert layout.run("orphan").is_done
+    assert layout.run("mine").is_done
+
+
+def test_a_plan_behind_a_link_counts(
+    layout: StoreFolder, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    (layout.plans / "alice").symlink_to(elsewhere)
+    (layout.plans / "round").symlink_to(layout.plans)  # a circle ends nobody's patience
+    named_in_a_plan(layout, "alice/gamma", "orphan")
+    clean(layout.root, None, delete=True, orphans=True, say=lambda line: None)
+    assert layout.run("orphan").is_done
+
+
+def test_a_torn_plan_deep_below_keeps_all(layout: StoreFolder) -> None:
+    whole = named_in_a_plan(layout, "alice/gamma", "orphan")
+    beside = named_in_a_plan(layout, "../beside", "orphan")
+    for path in (whole, beside):
+        text = path.read_text()
+        path.write_text(text[: len(text) // 2])
+        with pytest.raises(StoreError, match=rf"--orphans: nobody can tell .*{path.name}"):
+            clean(layout.root, None, delete=True, orphans=True, say=lambda line: None)
+        path.unlink()
+    assert layout.run("orphan").is_done
+
+
+def test_other_files_of_a_store_are_not_taken_for_plans(layout: StoreFolder) -> None:
+    """A config says ``"name": "trials"``, and a program's own files may be torn."""
+    for path in (
+        layout.root / "artifacts" / "a" / "config.json",
+        layout.run("mine").work / "x.json",
+    ):
+        path.parent.mkdir(parents=True)
+        path.write_text('{"sweep": {"name": "trials"')
+    clean(layout.root, None, delete=True, orphans=True, say=lambda line: None)
+    assert not layout.run("orphan").path.exists()
+    assert layout.run("mine").is_done
+
+
+def test_a_folder_of_plans_that_cannot_be_read_keeps_all(
+    layout: StoreFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named_in_a_plan(layout, "alice/gamma", "orphan")
+    scandir = os.scandir
+
+    def refusing(path: str) -> object:
+        if Path(path).name == "alice":
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", refusing)
+    with pytest.raises(StoreError, match=r"alice: cannot be read \(Permission"):
+        clean(layout.root, None, delete=True, orphans=True, say=lambda line: None)
+    assert layout.run("orphan").is_done
+
+
+def test_a_sweep_that_runs_in_a_folder_of_plans_stops_clean(layout: StoreFolder) -> None:
+    with (
+        leased(layout.lease("alice/gamma")),
+        pytest.raises(StoreError, match=r"alice/gamma is being run by process"),
+    ):
+        clean(layout.root, None, delete=True, orphans=True, say=lambda line: None)
+    assert layout.run("orphan").is_done
+
+
+def test_what_a_users_program_wrote_is_its_own(layout: StoreFolder) -> None:
+    theirs = layout.run("mine").work / ".cache.tmp"
+    theirs.parent.mkdir()
+    theirs.touch()
+    old = time.time() - 2 * OLD_SECONDS
+    os.utime(theirs, (old, old))
+    clean(layout.root, None, delete=True, orphans=True, say=lambda line: None)
+    assert theirs.exists()

@@ -8,6 +8,7 @@ import pytest
 
 from fl3d.core.errors import StoreError
 from fl3d.core.records import Trial
+from fl3d.runs.layout import StoreFolder
 from fl3d.runs.plans import (
     VERSION,
     FrozenPlan,
@@ -166,8 +167,8 @@ def test_a_value_of_a_trial_is_found_by_its_key_or_its_section() -> None:
 
 def test_a_plan_names_all_its_stages(tmp_path: Path) -> None:
     assert PLAN.stages == {"warmup", "focal-0", "focal-2", "old"}
-    paths = [tmp_path / "one.json", tmp_path / "other.json"]
-    write_plan(paths[0], PLAN)
-    write_plan(paths[1], replace(PLAN, trials=(), earlier=("older",)))
-    assert named_stages(paths) == PLAN.stages | {"older"}
-    assert named_stages([]) == set()
+    layout = StoreFolder(tmp_path)
+    assert named_stages(layout) == set()
+    write_plan(layout.plan("one"), PLAN)
+    write_plan(layout.plan("other"), replace(PLAN, trials=(), earlier=("older",)))
+    assert named_stages(layout) == PLAN.stages | {"older"}

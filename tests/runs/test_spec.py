@@ -98,6 +98,7 @@ def test_keys_that_older_stages_lack_have_their_defaults(tmp_path: Path) -> None
 
 def test_frames_may_lie_elsewhere_now(tmp_path: Path) -> None:
     assert spec(tmp_path).kitti().root == tmp_path / "kitti"
+    (tmp_path / "moved" / "training").mkdir(parents=True)
     assert spec(tmp_path).kitti(tmp_path / "moved").root == tmp_path / "moved"
 
 

@@ -180,6 +180,17 @@ def test_a_model_is_made_once_and_replaced_when_its_checkpoint_is_another(
     assert store.read("models")["step"].tolist() == [100]  # a model's scores are not the run's
 
 
+def test_a_store_says_which_models_it_holds(store: Store, tmp_path: Path) -> None:
+    experiment = store.experiment("which models", "")
+    run = run_of(store, "which models")
+    assert store.models(experiment) == set()
+    weights = tmp_path / "best.pt"
+    weights.write_bytes(b"weights")
+    for name in ("best", "last"):
+        store.log_model(experiment, run, name, [weights], {}, Scored(100, 1_000, APS), DATA)
+    assert store.models(experiment) == {(run, "best"), (run, "last")}
+
+
 def test_files_of_one_name_are_overwritten(store: Store, tmp_path: Path) -> None:
     run = run_of(store, "files")
     (tmp_path / "table.md").write_text("| 1 |")

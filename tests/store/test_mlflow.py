@@ -1,14 +1,18 @@
 """What a store in MLflow keeps to beside the contract: files, limits and half-made runs."""
 
+import errno
 import json
+import os
+import shutil
 import sqlite3
 from pathlib import Path
+from urllib.parse import quote
 
 import pytest
 
-from fl3d.core.errors import StoreDown, StoreError
+from fl3d.core.errors import StoreDown, StoreError, Unwritable
 from fl3d.store.base import RunStatus, Scored
-from fl3d.store.mlflow.connection import GuardedClient, database_url
+from fl3d.store.mlflow.connection import GuardedClient, database_url, reading_url
 from fl3d.store.mlflow.tracking import MlflowStore
 from fl3d.store.opening import open_store
 
@@ -191,7 +195,7 @@ def test_an_outage_is_told_from_an_error() -> None:
 
     client = GuardedClient(lambda uri: Client())  # type: ignore[arg-type,return-value]
     client.connect("http://host")
-    with pytest.raises(StoreDown, match=r"^nobody is there$"):
+    with pytest.raises(StoreDown, match=r"^http://host: nobody is there$"):
         client.ask()
     with pytest.raises(ConnectionRefusedError):
         client.answer()
@@ -224,3 +228,108 @@ def test_the_views_columns_are_tags_that_the_recorder_sets(store: MlflowStore) -
     (tag,) = (v for k, v in store.client.get_experiment(number).tags.items() if "sharedView" in k)
     columns = json.loads(json.loads(tag)["state"])["selectedColumns"]
     assert {"tags.`group`", "tags.`level`", "tags.`seed`"} <= set(columns)
+
+
+def copy_of(store: MlflowStore, path: Path) -> None:
+    """Its database in another place: MLflow takes seconds to make one."""
+    path.parent.mkdir(exist_ok=True)
+    assert store.file is not None
+    with sqlite3.connect(store.file) as before, sqlite3.connect(path) as after:
+        before.backup(after)
+    before.close()
+    after.close()
+
+
+def location_of(store: MlflowStore, experiment: str) -> str:
+    return str(store.client.get_experiment(experiment).artifact_location)
+
+
+def test_a_store_that_was_moved_finds_its_artifacts(store: MlflowStore, tmp_path: Path) -> None:
+    """Only paths of its own: not those of a name that begins alike, nor an experiment of the user's own."""
+    before = MlflowStore(tmp_path / "was # here")
+    copy_of(store, before.root / "mlflow.db")
+    before.open()
+    numbers = [before.experiment(name, "") for name in ("alice/moved", "moved", "moved-2")]
+    run = before.run(numbers[1], "trial-a", "paper-1", "a", {}, {})
+    own = before.client.create_experiment("own", "file:///mine/of-own")
+    bucket = before.client.create_experiment("bucket", "s3://bucket/artifacts/bucket")
+    assert before.root.rename(tmp_path / "is 100 % there").exists()
+    after = MlflowStore(tmp_path / "is 100 % there")
+    for _ in range(2):  # to mend what is mended changes nothing
+        after.open()
+        base = (after.root / "artifacts").as_uri()
+        found = [location_of(after, number) for number in numbers]
+        assert found == [f"{base}/alice/moved", f"{base}/moved", f"{base}/moved-2"]
+        where = after.client.get_run(run).info.artifact_uri
+        assert where == f"{base}/moved/{run}/artifacts"
+        assert location_of(after, own) == "file:///mine/of-own"
+        assert location_of(after, bucket) == "s3://bucket/artifacts/bucket"
+
+
+def test_a_shared_database_follows_only_artifacts_that_went_along(
+    store: MlflowStore, tmp_path: Path
+) -> None:
+    """A root that opens it does not take over the sweeps of another, whose place it may not even see."""
+    uri = f"sqlite:///{tmp_path / 'shared.db'}"
+    copy_of(store, tmp_path / "shared.db")
+    mine, other = (MlflowStore(tmp_path / name, uri) for name in ("mine", "other"))
+    mine.open()
+    number = mine.experiment("lent", "")
+    (mine.root / "artifacts" / "lent").mkdir(parents=True)
+    before = location_of(mine, number)
+    other.open()
+    assert location_of(other, number) == before
+    (other.root / "artifacts" / "lent").mkdir(parents=True)
+    other.open()
+    assert location_of(other, number) == before  # it is where it was
+    shutil.rmtree(other.root)
+    mine.root.rename(tmp_path / "moved")
+    other.open()
+    assert location_of(other, number) == before  # it is not here
+    moved = MlflowStore(tmp_path / "moved", uri)
+    moved.open()
+    assert location_of(moved, number) == (tmp_path / "moved" / "artifacts" / "lent").as_uri()
+
+
+def test_a_deleted_model_is_none_that_the_store_holds(store: MlflowStore, tmp_path: Path) -> None:
+    experiment, run = run_of(store, "deleted models")
+    scored = Scored(100, 1_000, APS)
+    made = [
+        store.log_model(experiment, run, name, [], {}, scored, ("simulated", "abc"))
+        for name in ("best", "last")
+    ]
+    store.client.delete_logged_model(made[0])
+    assert store.models(experiment) == {(run, "last")}
+    again = store.log_model(experiment, run, "best", [], {}, scored, ("simulated", "abc"))
+    assert again != made[0]
+    assert store.models(experiment) == {(run, "best"), (run, "last")}
+
+
+def test_a_store_is_read_where_nobody_may_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the files that SQLite makes beside it; what still waits in one of them is not left out."""
+    root = tmp_path / "read ? only"
+    root.mkdir()
+    store = MlflowStore(root)
+    assert store.file is not None
+    uri = store.uri
+    store.file.touch()
+    monkeypatch.setattr(os, "access", lambda path, mode: path != root)
+    assert reading_url(uri) == f"sqlite:///file:{quote(str(store.file))}?immutable=1&uri=true"
+    (root / "mlflow.db-wal").write_bytes(b"waiting")
+    assert reading_url(uri) == uri
+    assert reading_url("postgresql://h/db") == "postgresql://h/db"
+
+
+def test_artifacts_that_cannot_be_copied_name_their_place(
+    store: MlflowStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, run = run_of(store, "full")
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(store.client, "log_artifact", full, raising=False)
+    with pytest.raises(Unwritable, match=rf"^{store.root}/artifacts: cannot be written \(No space"):
+        store.log_files(run, [tmp_path / "a"], "")

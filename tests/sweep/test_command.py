@@ -15,7 +15,8 @@ import pytest
 import yaml
 
 import tests.example_program
-from fl3d.config.compose import compose_config, search_also
+from fl3d.config.compose import compose_config
+from fl3d.config.places import search_also
 from fl3d.core.errors import ConfigError, StageFailed
 from fl3d.core.leases import holder_of, leased
 from fl3d.evaluation.detections import read_detections
@@ -45,7 +46,7 @@ Make = Callable[..., Prepared]
 @pytest.fixture
 def make(simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     """A sweep over a detector of the user's own; keys of its ``detector`` section may be given."""
-    monkeypatch.setattr("fl3d.config.compose._OWN", [])
+    monkeypatch.setattr("fl3d.config.places._OWN", [])
     monkeypatch.syspath_prepend(str(tmp_path))
     own = tmp_path / "own"
     (own / "detector").mkdir(parents=True)
@@ -214,7 +215,9 @@ def test_what_a_command_takes_is_known_once_one_has_run(
     progress._renew(new.plan, stages, ())
     assert "0/2 steps, ? left: Fake scratch" in capsys.readouterr().err
     assert not costs.cost(stages[0]).is_known
-    run_small(make([["seed=0"]], schedule="from_scratch", run=run))
+    before = make([["seed=0"]], schedule="from_scratch", run=run)
+    run_small(before)
+    costs.learn(before.plan.stages)
     progress._renew(new.plan, stages, ())
     assert "? left" not in capsys.readouterr().err
     assert costs.cost(stages[0]).seconds > 0.5  # two epochs of 0.3 seconds

@@ -305,27 +305,27 @@ def test_result_config_keeps_values_and_nesting() -> None:
 
 def test_a_grid_is_every_combination_and_the_command_line_overrules_the_file() -> None:
     params = {"detector": "fcn3d,voxelnet", "loss.gamma": "0,2"}
-    fixed, grid = expand(params, ["+sweep=gamma", "seed=3"])
-    assert fixed == ["+sweep=gamma", "seed=3"]
-    assert len(grid) == 4
-    assert grid[0] == ["detector=fcn3d", "loss.gamma=0"]
-    fixed, grid = expand(params, ["detector=voxelnet", "loss.gamma=1,3"])
-    assert fixed == []  # one value of what the file sweeps still tells its trials from others
-    assert grid == [["detector=voxelnet", "loss.gamma=1"], ["detector=voxelnet", "loss.gamma=3"]]
+    grid = expand(params, ["+sweep=gamma", "seed=3"])
+    assert grid.fixed == ["+sweep=gamma", "seed=3"]
+    assert len(grid.points) == 4
+    assert grid.points[0] == ("detector=fcn3d", "loss.gamma=0")
+    grid = expand(params, ["detector=voxelnet", "loss.gamma=1,3"])
+    assert grid.fixed == []  # one value of what the file sweeps still tells its trials from others
+    own = [("detector=voxelnet", "loss.gamma=1"), ("detector=voxelnet", "loss.gamma=3")]
+    assert grid.points == own
 
 
 def test_hydras_ranges_and_choices_are_axes() -> None:
-    _, grid = expand({}, ["seed=range(3)", "loss.gamma=choice(0,2)"])
-    assert len(grid) == 6
+    assert len(expand({}, ["seed=range(3)", "loss.gamma=choice(0,2)"]).points) == 6
 
 
 def test_one_value_of_what_a_file_sweeps_is_still_a_value_of_the_trial() -> None:
-    fixed, points = expand({"loss.alpha": "0.75,0.8"}, ["loss.alpha=0.8", "seed=3"])
-    assert fixed == ["seed=3"]
-    assert points == [["loss.alpha=0.8"]]
-    fixed, points = expand({"loss.alpha": "0.75,0.8"}, ["~loss.alpha"])
-    assert fixed == ["~loss.alpha"]  # it has no value
-    assert points == [[]]
+    grid = expand({"loss.alpha": "0.75,0.8"}, ["loss.alpha=0.8", "seed=3"])
+    assert grid.fixed == ["seed=3"]
+    assert grid.points == [("loss.alpha=0.8",)]
+    grid = expand({"loss.alpha": "0.75,0.8"}, ["~loss.alpha"])
+    assert grid.fixed == ["~loss.alpha"]  # it has no value
+    assert grid.points == [()]
 
 
 def test_a_point_has_its_values_as_data_beside_the_overrides() -> None:

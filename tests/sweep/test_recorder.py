@@ -353,26 +353,6 @@ def test_a_store_that_is_down_is_not_asked_at_every_step(bench: Bench) -> None:
     assert bench.run(0).scores == {}
 
 
-def test_at_the_end_a_store_that_is_down_is_waited_for(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("fl3d.sweep.recorder.RETRY_SECONDS", 0.0)
-    monkeypatch.setattr("fl3d.sweep.recorder.SAY_SECONDS", 0.0)
-    naps: list[float] = []
-
-    def nap(seconds: float) -> None:
-        naps.append(seconds)
-        bench.store.is_down = len(naps) < 3
-
-    monkeypatch.setattr("fl3d.sweep.recorder.time.sleep", nap)
-    bench.trained()
-    bench.store.is_down = True
-    bench.recorder.finish(bench.standings(DONE, DONE))
-    assert len(naps) == 3
-    assert sum(line.startswith("All is trained. Waiting for the store") for line in bench.said) == 3
-    assert bench.run(1).status is RunStatus.DONE
-
-
 def tear_marker(bench: Bench) -> Path:
     path = bench.layout.run("focal-0").marker(6)
     path.write_text(path.read_text()[:20])

@@ -115,6 +115,20 @@ def test_weights_that_nobody_needs_are_dropped_when_the_store_has_the_models(
     assert all(set(run.models) == {"last", "best"} for run in store.runs.values())
 
 
+def test_models_that_were_deleted_in_the_ui_are_made_again(sweep: Prepared) -> None:
+    """Of a run that is closed: what is whole is not touched."""
+    store = MemoryStore(sweep.settings.store.root)
+    run_small(sweep, store=store)
+    first, second = store.runs.values()
+    del first.models["best"]
+    second.files.clear()
+    ran = run_small(sweep, store=store)
+    assert ran.outcome.trained == []
+    assert set(first.models) == {"last", "best"}
+    assert statuses(store) == [RunStatus.DONE] * 2
+    assert not second.files
+
+
 def test_a_plan_remembers_the_stages_of_earlier_starts(sweep: Prepared, simulated: Path) -> None:
     """Nobody's waste, though the sweep has other trials now."""
     run_small(sweep)

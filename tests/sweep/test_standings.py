@@ -7,7 +7,7 @@ import pytest
 from fl3d.core.records import Stage, Trial
 from fl3d.sweep.plan import Plan
 from fl3d.sweep.scheduler import Outcome
-from fl3d.sweep.standings import no_curve, stand
+from fl3d.sweep.standings import Standings
 from fl3d.sweep.sweepers.base import TrialState
 
 
@@ -44,7 +44,7 @@ PLAN = Plan("test", (trial("warmup", "a"), trial("warmup", "b")), {one.key: one 
 
 
 def states(outcome: Outcome) -> list[TrialState]:
-    return [standing.state for standing in stand(PLAN, outcome, no_curve).values()]
+    return [one.state for one in Standings().update(PLAN, outcome, ()).values()]
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_a_trial_is_judged_by_its_last_stage() -> None:
         asked.append(stage.key)
         return {1: {"ap_3d/moderate": float(stage.epochs)}}
 
-    standings = stand(PLAN, Outcome(), curve)
+    standings = Standings(curve).update(PLAN, Outcome(), ())
     assert asked == ["a", "b"]
     assert standings["b"].epochs == 5
     assert standings["b"].curve == {1: {"ap_3d/moderate": 5.0}}
@@ -87,9 +87,32 @@ def test_a_trial_is_judged_by_its_last_stage() -> None:
 
 def test_a_trial_may_be_a_stage_that_another_resumes_from() -> None:
     plan = Plan("test", (trial("warmup"), trial("warmup", "a")), PLAN.stages)
-    found = stand(plan, Outcome(done={"warmup"}), no_curve)
+    found = Standings().update(plan, Outcome(done={"warmup"}), ())
     assert [one.state for one in found.values()] == [TrialState.DONE, TrialState.RUNNING]
 
 
 def test_standings_come_in_the_plans_order() -> None:
-    assert list(stand(PLAN, Outcome(), no_curve)) == ["a", "b"]
+    assert list(Standings().update(PLAN, Outcome(), ())) == ["a", "b"]
+
+
+def test_only_trials_with_news_are_looked_at_again() -> None:
+    """A warm-up's news are news of all that resume from it."""
+    asked: list[str] = []
+
+    def curve(stage: Stage) -> Mapping[int, Mapping[str, float]]:
+        asked.append(stage.key)
+        return {}
+
+    standings = Standings(curve)
+    first = Plan("test", PLAN.trials[:1], PLAN.stages)
+    assert list(standings.update(first, Outcome(), ())) == ["a"]
+    assert list(standings.update(PLAN, Outcome(), ())) == ["b"]
+    assert list(standings.update(PLAN, Outcome(), ["elsewhere"])) == []
+    changed = standings.update(PLAN, Outcome(done={"warmup", "b"}), ["b"])
+    assert [one.state for one in changed.values()] == [TrialState.DONE]
+    assert asked == ["a", "b", "b"]
+    assert list(standings.update(PLAN, Outcome(), ["warmup"])) == ["a", "b"]
+    assert {key: one.state for key, one in standings.items()} == {
+        "a": TrialState.RUNNING,
+        "b": TrialState.RUNNING,
+    }

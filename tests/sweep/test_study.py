@@ -3,107 +3,36 @@
 No network is trained.
 """
 
-from collections.abc import Sequence
+import re
 from pathlib import Path
-from typing import Any
 
 import optuna
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
-from fl3d.config.compose import compose_config
 from fl3d.core.errors import ConfigError, StoreError
-from fl3d.core.records import Config, Trial
-from fl3d.sweep.sweepers.base import Point, Standing, TrialState
-from fl3d.sweep.sweepers.space import parse_space
+from fl3d.sweep.sweepers.base import Standing, TrialState
+from fl3d.sweep.sweepers.space import in_hydras_grammar, parse_space
 from fl3d.sweep.sweepers.study import Study, study
 from fl3d.sweep.sweepers.study_storage import open_storage
+from tests.sweep.studies import (
+    AP,
+    EASY,
+    GAMMA,
+    RANDOM,
+    World,
+    base,
+    key,
+    make,
+    states,
+    trial_of,
+)
 
-AP = "ap_3d_r40/moderate"
-EASY = "ap_3d_r40/easy"
 ASHA = {
     "_target_": "optuna.pruners.SuccessiveHalvingPruner",
     "min_resource": 1,
     "reduction_factor": 2,
 }
-RANDOM = {"_target_": "optuna.samplers.RandomSampler", "seed": 0}
-GAMMA = {"loss.gamma": "interval(0,5)"}
-
-
-def base(root: Path, *overrides: str) -> Config:
-    names = ["sweep.name=search", "data.name=made-up", "profile=tiny"]
-    return compose_config([*names, f"store.root={root}", *overrides])
-
-
-def make(root: Path, params: dict[str, object] = GAMMA, **settings: Any) -> Study:
-    """A study whose trials are keyed by their overrides."""
-
-    def compose(overrides: Sequence[str]) -> Config:
-        return {"overrides": list(overrides)}
-
-    settings = {"sampler": RANDOM, **settings}
-    study = Study(base(root), parse_space(params, []), compose, **settings)
-    study.open(key)
-    return study
-
-
-def key(point: Point) -> str:
-    return " ".join(point.overrides)
-
-
-def trial_of(point: Point) -> Trial:
-    return Trial(
-        key=key(point),
-        overrides=point.overrides,
-        values=point.values,
-        config=point.config,
-        stages=(key(point),),
-        first_own_step=0,
-        detector="VoxelNet",
-        group="VoxelNet",
-        level=key(point),
-        seed=0,
-    )
-
-
-class World:
-    """Trials that learn as told: ``worth`` gives the AP of a point at an epoch."""
-
-    def __init__(self, study: Study, slots: int, epochs: int = 4) -> None:
-        self.study = study
-        self.slots = slots
-        self.epochs = epochs
-        self.standings: dict[str, Standing] = {}
-        self.trained: list[str] = []
-
-    def worth(self, point: str, epoch: int) -> dict[str, float]:
-        gamma = float(point.partition("=")[2])
-        return {AP: 50 - gamma + epoch, EASY: 50 + gamma + epoch}
-
-    def tick(self) -> None:
-        for name, one in list(self.standings.items()):
-            if one.state is TrialState.RUNNING:
-                self.trained.append(name)
-                epoch = len(one.curve) + 1
-                curve = {**one.curve, epoch: self.worth(name, epoch)}
-                state = TrialState.DONE if epoch == self.epochs else TrialState.RUNNING
-                self.standings[name] = Standing(one.trial, state, curve, self.epochs)
-        advice = self.study.advise(self.standings, self.slots)
-        for point in advice.points:
-            trial = trial_of(point)
-            self.standings[trial.key] = Standing(trial, TrialState.RUNNING, {}, self.epochs)
-        for name in advice.stop:
-            one = self.standings[name]
-            self.standings[name] = Standing(one.trial, TrialState.STOPPED, one.curve, self.epochs)
-
-    def run(self) -> None:
-        for _ in range(200):
-            self.tick()
-        assert all(one.state is not TrialState.RUNNING for one in self.standings.values())
-
-
-def states(study: Study) -> list[str]:
-    return [trial.state.name for trial in study.study.get_trials()]
 
 
 @pytest.mark.parametrize(
@@ -336,3 +265,71 @@ def test_another_sweepers_keys_are_refused_by_name(tmp_path: Path) -> None:
         ConfigError, match=r"hydra\.sweeper\.first: a study has no such key.*n_trials"
     ):
         study({}, ["loss.gamma=interval(0,1)"], lambda words: base(tmp_path), {"first": 3})
+
+
+ODD = {
+    "n_trials": (None, "ten", 0, -1, 1.5, True, [1]),
+    "objectives": (None, "abc", [], [1], AP, ["nothing"], [AP, AP]),
+    "rule": (None, "lost", 1, ["last"]),
+    "sampler": ("TPESampler", 1, {}, {"a": 1}, {"_target_": 5}),
+    "pruner": ("MedianPruner", 1, {}, {"_target_": "optuna.samplers.RandomSampler"}),
+    "storage": ("study.db", 1, "", []),
+    "study_name": ("a/b", "../x", ".x", "", "a" * 250, [], True, "a\nb"),
+    "enqueue": (None, "abc", 1, {"a": 1}, [1], [{"loss.gamma": 9}], [{"loss.gamma": "abc"}]),
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(k, v) for k, values in ODD.items() for v in values])
+def test_an_odd_value_of_any_key_is_refused_by_name(
+    tmp_path: Path, name: str, value: object
+) -> None:
+    with pytest.raises(ConfigError, match=rf"^hydra\.sweeper\.{name}: "):
+        make(tmp_path, **{name: value})
+    assert not (tmp_path / "studies").exists()
+
+
+def test_a_pruner_that_refuses_its_arguments_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"hydra\.sweeper\.pruner: .*min_resource"):
+        make(tmp_path, pruner=ASHA | {"min_resource": 0})
+
+
+def test_a_number_may_name_a_study(tmp_path: Path) -> None:
+    assert make(tmp_path, study_name=7).study.study_name == "7"
+
+
+@pytest.mark.parametrize(
+    ("written", "says"),
+    [
+        ("range(0,0)", "it holds no value"),
+        ("range(5,0)", "it holds no value"),
+        ("range(5,0,-1)", "its step is -1"),
+        ("range(0,5,0)", "its step is 0"),
+        ("interval(0,inf)", "two numbers"),
+        ("interval(nan,1)", "two numbers"),
+        ("interval(5,0)", "low <= high"),
+        ("tag(log,interval(0,1))", "low > 0"),
+        ("glob(*)", "not a search space"),
+    ],
+)
+def test_a_space_without_a_value_is_refused_by_what_was_typed(written: str, says: str) -> None:
+    with pytest.raises(ConfigError, match=rf"'x={re.escape(written)}': .*{says}"):
+        parse_space({"x": written}, [])
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "interval(0,5)",
+        "interval(0.00001,0.123456789)",
+        "tag(log,interval(0.01,1))",
+        "int(interval(1,8))",
+        "int(tag(log,interval(1,8)))",
+        "range(0,10,2)",
+        "range(0.0,1.0,0.25)",
+        "choice(a,b)",
+        "choice(0.5,1,2)",
+    ],
+)
+def test_an_axis_is_described_as_it_can_be_typed(written: str) -> None:
+    axis = parse_space({"x": written}, []).axes["x"]
+    assert parse_space({"x": in_hydras_grammar(axis)}, []).axes["x"] == axis

@@ -27,7 +27,10 @@ from fl3d.sweep.preview import preview
 from fl3d.sweep.run import Ran, run_sweep
 from fl3d.sweep.setup import prepare_sweep
 from fl3d.sweep.sweepers.base import Evidence, Point, Standing, TrialState, Work
+from fl3d.sweep.sweepers.params import check_params
+from fl3d.sweep.sweepers.rounds import rounds_of
 from fl3d.sweep.sweepers.until_decided import UntilDecided, until_decided
+from fl3d.sweep.winners import with_winners
 from tests.analysis.making import Finding
 from tests.support import small_config
 
@@ -423,3 +426,36 @@ def test_a_stage_that_fails_leaves_its_pair_out_and_the_loop_goes_on(
     ran = sweeping(Finding(failing))
     assert len(ran.outcome.failed) == 1
     assert [name for name in names(ran) if name.startswith("2")] == ["2 0", "2 1", "2 2", "2 3"]
+
+
+ODD = {
+    "first": (None, "abc", 0, 1.5, True, 2, 50),
+    "most": (None, "abc", 0, -1, 1.5, True, 2, 10**7, [1]),
+    "step": (None, "abc", 0, 1.5, True),
+    "hours": ("abc", 0, -1, True, float("nan"), float("inf"), [1]),
+    "looks": ([3, 5],),
+    "sampler": (None,),
+}
+
+
+@pytest.mark.parametrize(("key", "value"), [(k, v) for k, values in ODD.items() for v in values])
+def test_an_odd_value_of_any_key_is_refused_by_name(key: str, value: object) -> None:
+    with pytest.raises(
+        ConfigError, match=r"^hydra\.sweeper\.(first|most|step|hours|looks|sampler): "
+    ):
+        rounds_of({key: value})
+
+
+@pytest.mark.parametrize("sweeper", ["grid", "optuna", "until_decided"])
+@pytest.mark.parametrize("params", ["null", "abc", "1"])
+def test_params_that_are_no_mapping_are_refused_whatever_the_sweeper(
+    sweeper: str, params: str
+) -> None:
+    words = [f"hydra/sweeper={sweeper}", f"hydra.sweeper.params={params}", "loss.gamma=0,2"]
+    with pytest.raises(ConfigError, match=rf"hydra\.sweeper\.params: {params} is no mapping"):
+        with_winners(multirun(words))
+
+
+def test_a_swept_value_that_is_null_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"params: loss\.gamma: null says nothing"):
+        check_params({"loss.gamma": None})

@@ -94,7 +94,7 @@ def _half_of_loss(sweep: FinishedSweep) -> Claim:
     chosen = chosen[(chosen["detector"] == "3D-FCN") & (chosen["gamma"].astype(float) == gamma)]
     shares = []
     for key, step in zip(chosen["trial"], chosen["step"], strict=True):
-        logits = windows_of(sweep.trial(str(key)).holder(int(step)), int(step)).positive
+        logits = windows_of(sweep, sweep.trial(str(key)).holder(int(step)), int(step)).positive
         shares.append((hardest_share(logits, 0.0), hardest_share(logits, gamma)))
     return half_claim(gamma, shares)
 
@@ -103,7 +103,7 @@ def _peaks(sweep: FinishedSweep) -> list[Claim]:
     """A claim for each detector."""
     peaks: dict[str, dict[float, dict[int, Peak]]] = {}
     for trial in sweep.trials:
-        logits = windows_of(trial.folder, trial.last_step).positive.astype(np.float64)
+        logits = windows_of(sweep, trial.folder, trial.last_step).positive.astype(np.float64)
         own = peaks.setdefault(trial.detector, {}).setdefault(gamma_of(trial.plan), {})
         own[trial.seed] = peak_of(1 / (1 + np.exp(-logits)))
     return [peak_claim(detector, own) for detector, own in sorted(peaks.items())]

@@ -57,7 +57,7 @@ def _posteriors(sweep: FinishedSweep, folder: Path) -> list[Path]:
     """Figure 5, of the last models; seeds are pooled."""
     pooled: dict[tuple[str, float], list[np.ndarray]] = {}
     for trial in sweep.trials:
-        logits = windows_of(trial.folder, trial.last_step).positive.astype(np.float64)
+        logits = windows_of(sweep, trial.folder, trial.last_step).positive.astype(np.float64)
         pooled.setdefault((trial.detector, gamma_of(trial.plan)), []).append(
             1 / (1 + np.exp(-logits))
         )
@@ -69,7 +69,7 @@ def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
     sampled = {}
     for detector, trial, step, gamma in _best(sweep):
         if gamma > 0:
-            windows = windows_of(sweep.trial(trial).holder(step), step)
+            windows = windows_of(sweep, sweep.trial(trial).holder(step), step)
             sampled[detector] = (windows.positive, windows.negative)
     gammas = sorted({gamma_of(trial.plan) for trial in sweep.trials})
     return figure_4(sampled, gammas, folder / "figure_4")

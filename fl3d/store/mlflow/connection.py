@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 # A server that is down shall be found out in seconds; who waits for it decides when to try again.
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
@@ -13,14 +15,17 @@ os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "10")
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 os.environ.setdefault("DO_NOT_TRACK", "true")
 
+import pandas as pd
 import requests
 import sqlalchemy as sa
 from mlflow import MlflowClient
 from mlflow.exceptions import MlflowException
 
-from fl3d.core.errors import StoreDown
+from fl3d.core.errors import StoreDown, StoreError
+from fl3d.store.mlflow.condition import damage, shown
 
 PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
+UNWRITABLE = ("database or disk is full", "attempt to write a readonly database")  # SQLite's
 CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
 PASSING = (
     "TEMPORARILY_UNAVAILABLE",
@@ -36,15 +41,32 @@ def database_url(uri: str) -> str:
     return uri + PATIENCE if uri.startswith("postgresql+psycopg2://") and "?" not in uri else uri
 
 
+def file_url(root: Path) -> str:
+    """The URL of a store's own database.
+
+    Raises:
+        StoreError: the folder's name has a letter that a URL reads otherwise, and so another file would be opened.
+    """
+    wrong = [letter for letter in "?%" if letter in str(root)]
+    if wrong:
+        raise StoreError(
+            f"store.root: {root} has a '{wrong[0]}' in its name, and MLflow finds its database by a URL, which reads "
+            "that otherwise; give a folder without ? and %, or a server's store.uri"
+        )
+    return f"sqlite:///{root / 'mlflow.db'}"
+
+
 class GuardedClient:
     """An ``MlflowClient`` whose every call tells an outage from an error."""
 
     def __init__(self, make: Callable[[str], MlflowClient]) -> None:
         self._make = make
         self._client: Any = None
+        self._uri = ""
 
     def connect(self, uri: str) -> None:
         """Make the client, and with it the store's tables."""
+        self._uri = uri
         self._client = self._make(uri)
         self._client.search_experiments(max_results=1)
 
@@ -52,24 +74,31 @@ class GuardedClient:
         method = getattr(self._client, name)
 
         def call(*arguments: Any, **named: Any) -> Any:
-            with outages():
+            with outages(self._uri):
                 return method(*arguments, **named)
 
         return call
 
 
 @contextlib.contextmanager
-def outages() -> Iterator[None]:
-    """Raise ``StoreDown`` for what will pass; everything else as it is.
+def outages(uri: str = "") -> Iterator[None]:
+    """Raise ``StoreDown`` for what will pass, ``StoreError`` for what will not, and everything else as it is.
+
+    Args:
+        uri: of the store, for messages.
 
     Raises:
         StoreDown: the store cannot be reached now.
+        StoreError: its database is damaged, or its disk is full or read-only.
     """
     try:
-        yield
+        with _damages(uri):
+            yield
     except (*CONNECTION_ERRORS, requests.RequestException) as error:
-        raise StoreDown(str(error).splitlines()[0]) from error
+        _refuse_unwritable(error)
+        raise StoreDown(_located(error, uri)) from error
     except MlflowException as error:
+        _refuse_unwritable(error)
         unreachable = (
             str(error).startswith("API request to ") and error.error_code == "INTERNAL_ERROR"
         )
@@ -78,5 +107,49 @@ def outages() -> Iterator[None]:
             or unreachable
             or isinstance(error.__cause__, CONNECTION_ERRORS)
         ):
-            raise StoreDown(str(error).splitlines()[0]) from error
+            raise StoreDown(_located(error, uri)) from error
         raise
+
+
+def _refuse_unwritable(error: Exception) -> None:
+    """Raise for what waiting does not mend.
+
+    Raises:
+        StoreError: saying what does.
+    """
+    for words in UNWRITABLE:
+        if words in str(error):
+            raise StoreError(
+                f"MLflow's database cannot be written ({words}); what is there is kept: mend that, and the same "
+                "command goes on from it"
+            ) from error
+
+
+def reading_url(uri: str) -> str:
+    """A URL to read a database by; where nobody may write, it is without the files that SQLite keeps beside it."""
+    if not uri.startswith("sqlite:///"):
+        return uri
+    file = Path(uri.removeprefix("sqlite:///")).absolute()
+    waiting = file.with_name(
+        f"{file.name}-wal"
+    )  # what was written last, where a process was killed
+    has_all = not waiting.exists() or waiting.stat().st_size == 0
+    if os.access(file.parent, os.W_OK) or not has_all:
+        return uri
+    return f"sqlite:///file:{quote(str(file))}?immutable=1&uri=true"
+
+
+@contextlib.contextmanager
+def _damages(uri: str) -> Iterator[None]:
+    try:
+        yield
+    except (sa.exc.SQLAlchemyError, pd.errors.DatabaseError, MlflowException) as error:
+        found = damage(error, uri)
+        if found is None:
+            raise
+        raise found from error
+
+
+def _located(error: Exception, uri: str) -> str:
+    first = str(error).splitlines()[0]
+    return f"{shown(uri)}: {first}" if uri else first

@@ -10,6 +10,7 @@ import pandas as pd
 import sqlalchemy as sa
 
 from fl3d.store.base import is_score
+from fl3d.store.mlflow.connection import reading_url
 
 SERVER_CALLS = 8  # at once
 
@@ -31,7 +32,7 @@ def read_database(
     Returns:
         see ``store.base.Store.read``.
     """
-    engine = sa.create_engine(uri)
+    engine = sa.create_engine(reading_url(uri))
     try:
         with engine.connect() as connection:
             runs = pd.read_sql(

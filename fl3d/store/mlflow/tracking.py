@@ -17,6 +17,7 @@ from typing import Any
 from fl3d.store.mlflow.connection import (  # before MLflow: it sets its environment
     GuardedClient,
     database_url,
+    file_url,
     outages,
 )
 
@@ -24,13 +25,17 @@ from fl3d.store.mlflow.connection import (  # before MLflow: it sets its environ
 import mlflow
 import pandas as pd
 import sqlalchemy as sa
+from alembic.util.exc import CommandError
 from mlflow import MlflowClient
 from mlflow.entities import Dataset, DatasetInput, InputTag, LoggedModel, Metric, Param, RunTag
 from mlflow.exceptions import MlflowException
 
-from fl3d.core.errors import StoreError
+from fl3d.core.errors import StoreError, Unwritable
+from fl3d.core.files import check_writable
 from fl3d.core.leases import leased
 from fl3d.store.base import RunStatus, Scored, Store
+from fl3d.store.mlflow.condition import check_owner, other_version
+from fl3d.store.mlflow.moved import ARTIFACTS, artifact_location, mend_locations
 from fl3d.store.mlflow.reading import read_database, read_server
 from fl3d.store.mlflow.view import TAG as VIEW_TAG
 from fl3d.store.mlflow.view import link, tag_value
@@ -67,21 +72,28 @@ class MlflowStore(Store):
 
     def __init__(self, root: Path, uri: str | None = None) -> None:
         self.root = root.absolute()
-        self.uri = database_url(uri or f"sqlite:///{self.root / 'mlflow.db'}")
+        self.uri = database_url(uri or file_url(self.root))
         if not self.uri.startswith(("sqlite:///", "postgresql", "http://", "https://")):
             raise StoreError(f"store.uri: '{self.uri}' is no store. Possible: {POSSIBLE}")
 
     @property
     def exists(self) -> bool:
         """Whether the default store has been made; a named one is taken to exist."""
-        return (
-            not self.uri.startswith("sqlite:") or Path(self.uri.removeprefix("sqlite:///")).exists()
-        )
+        return self.file is None or self.file.exists()
+
+    @property
+    def file(self) -> Path | None:
+        """The database, where it is a file."""
+        return Path(self.uri.removeprefix("sqlite:///")).absolute() if self._is_file else None
+
+    @property
+    def _is_file(self) -> bool:
+        return self.uri.startswith("sqlite:")
 
     @property
     def is_for_one_machine(self) -> bool:
         """SQLite's journal lies in one machine's memory: two that write to it over a shared folder destroy it."""
-        return self.uri.startswith("sqlite:")
+        return self._is_file
 
     @property
     def is_server(self) -> bool:
@@ -93,37 +105,66 @@ class MlflowStore(Store):
 
         Raises:
             StoreDown: it cannot be reached.
+            Unwritable: it is a file in a folder that cannot be written.
+            StoreError: it is damaged, another program's, or of another version of MLflow.
         """
+        if self.file is not None:
+            check_writable(self.file.parent)
         logging.getLogger("mlflow.store.db.utils").setLevel(
             logging.CRITICAL
         )  # tracebacks of what is raised anyway
         mlflow.set_tracking_uri(self.uri)
         self.client: Any = GuardedClient(MlflowClient)
-        with outages(), self._alone():
-            self.client.connect(self.uri)
+        with outages(self.uri), self._alone() as connection:
+            try:
+                self.client.connect(self.uri)
+            except (MlflowException, CommandError) as error:
+                is_version = isinstance(error, CommandError) or "database schema" in str(error)
+                if connection is None or not is_version:
+                    raise
+                raise other_version(connection, self.uri) from error
+            self._mend()
+
+    def _mend(self) -> None:
+        """Let MLflow find the artifacts of a root that was moved; a server keeps its own."""
+        if self.is_server:
+            return
+        is_own = self.file is not None and self.file.parent == self.root
+        engine = sa.create_engine(self.uri)
+        try:
+            with engine.connect() as connection:
+                mend_locations(connection, self.root, is_own)
+        finally:
+            engine.dispose()
 
     @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
-        """One process at a time: several that make MLflow's tables together destroy a SQLite store."""
+    def _alone(self) -> Iterator[sa.Connection | None]:
+        """One process at a time: several that make MLflow's tables together destroy a SQLite store.
+
+        Yields:
+            a connection to its database; None of a server.
+        """
         if self.uri.startswith("postgresql"):
             with sa.create_engine(self.uri).connect() as connection:
                 connection.execute(sa.text(f"SELECT pg_advisory_lock({SCHEMA_LOCK})"))
-                yield
-        elif self.uri.startswith("sqlite"):
-            path = Path(self.uri.removeprefix("sqlite:///"))
+                check_owner(connection, self.uri)
+                yield connection
+        elif self.file is not None:
             with (
-                leased(path.with_name(f".{path.name}.lease")),
+                leased(self.file.with_name(f".{self.file.name}.lease")),
                 sa.create_engine(self.uri).connect() as connection,
             ):
+                check_owner(connection, self.uri)
+                connection.commit()  # a reader's lock would keep the mode from changing
                 connection.execute(sa.text("PRAGMA journal_mode=WAL"))
-                yield
+                yield connection
         else:
-            yield
+            yield None
 
     def experiment(self, name: str, note: str) -> str:
         found = self.client.get_experiment_by_name(name)
         if found is None:
-            location = None if self.is_server else (self.root / "artifacts" / name).as_uri()
+            location = None if self.is_server else artifact_location(self.root, name)
             try:
                 return str(
                     self.client.create_experiment(name, location, {"mlflow.note.content": note})
@@ -222,15 +263,59 @@ class MlflowStore(Store):
         made: LoggedModel = self.client.create_logged_model(
             experiment, name=name, source_run_id=run, tags=dict(tags), model_type="detector"
         )
-        for file in files:
-            self.client.log_model_artifact(made.model_id, str(file))
+        with self._copying():
+            for file in files:
+                self.client.log_model_artifact(made.model_id, str(file))
         self._log(run, scored, str(made.model_id), dataset)
         self.client.finalize_logged_model(made.model_id, "READY")
         return str(made.model_id)
 
+    def models(self, experiment: str) -> set[tuple[str, str]]:
+        found: set[tuple[str, str]] = set()
+        token = None
+        while True:
+            page = self.client.search_logged_models([experiment], page_token=token)
+            found |= {
+                (str(one.source_run_id), str(one.name))
+                for one in page
+                if str(one.status) == "READY"
+            }
+            token = page.token
+            if not token:
+                return found
+
     def log_files(self, run: str, files: Iterable[Path], folder: str) -> None:
-        for file in files:
-            self.client.log_artifact(run, str(file), folder)
+        with self._copying():
+            for file in files:
+                self.client.log_artifact(run, str(file), folder)
+
+    def _check_readable(self) -> None:
+        """Refuse a file that this user may not read, by its name.
+
+        Raises:
+            StoreError: it cannot be read.
+        """
+        if self.file is None:
+            return
+        try:
+            self.file.open("rb").close()
+        except OSError as error:
+            raise StoreError(f"{self.file}: cannot be read ({error.strerror})") from None
+
+    @contextlib.contextmanager
+    def _copying(self) -> Iterator[None]:
+        """Say where files could not be put, which the system's own error often does not.
+
+        Raises:
+            Unwritable: the disk is full, read-only or somebody else's.
+        """
+        try:
+            yield
+        except OSError as error:
+            if error.errno is None:
+                raise
+            place = error.filename or self.root / ARTIFACTS
+            raise Unwritable(error.errno, error.strerror, str(place)) from error
 
     def set_tags(self, run: str, tags: Mapping[str, str]) -> None:
         every = [RunTag(key, value) for key, value in _renamed(tags).items()]
@@ -246,9 +331,10 @@ class MlflowStore(Store):
     def read(self, experiment_name: str) -> pd.DataFrame:
         if not self.exists:
             return pd.DataFrame()
+        self._check_readable()
         tag = (STORE_TAG, self.id)
         columns = [column for column in COLUMNS if column.startswith("tags.")]
-        with outages():
+        with outages(self.uri):
             if not self.is_server:
                 found = read_database(self.uri, experiment_name, tag, columns)
             else:

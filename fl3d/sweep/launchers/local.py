@@ -15,6 +15,7 @@ from pathlib import Path
 import torch
 
 import fl3d.detectors
+from fl3d.core.interrupts import deaf_children, end_with_parent
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
 
 # What torch would load at the first step of every process, 0.8 s each time.
@@ -23,6 +24,7 @@ LAZY = ("torch._inductor", "torch._dynamo")
 # faster than one of two.
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
+SERVED = ("fl3d.training.stage", "fl3d.sweep.launchers.server")
 SERVER_DIED = 255  # multiprocessing's code for a process whose fork server was killed
 
 
@@ -69,13 +71,16 @@ class LocalLauncher(Launcher):
             f"fl3d.detectors.{module.name}"
             for module in pkgutil.iter_modules(fl3d.detectors.__path__)
         ]
-        self._context.set_forkserver_preload(["fl3d.training.stage", *LAZY, *detectors])
+        self._context.set_forkserver_preload([*SERVED, *LAZY, *detectors])
         for name in THREADS:
             os.environ.setdefault(name, "1")
 
     def open(self) -> None:
         """Start the server; it loads while the sweep is being planned."""
-        forkserver.ensure_running()
+        with (
+            deaf_children()
+        ):  # nor do the server's: Ctrl-C is for the parent, which then ends its stages
+            forkserver.ensure_running()
 
     def launch(self, folder: Path, after: Job | None = None) -> Job:
         """Start a process; what it prints goes to ``log.txt`` in the stage's folder."""
@@ -101,16 +106,18 @@ def _work(folder: Path, card: str | None) -> None:
 
     if card is not None:
         os.environ["CUDA_VISIBLE_DEVICES"] = card  # before this process first asks for a card
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # Ctrl-C is for the parent, which then ends its stages
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the server was started by somebody else
+    end_with_parent()
+    code = 1
     with (
-        (folder / "log.txt").open("a") as log,
+        contextlib.suppress(OSError),  # of the log itself, when the disk is full
+        (folder / "log.txt").open("a", encoding="utf-8") as log,
         contextlib.redirect_stdout(log),
         contextlib.redirect_stderr(log),
     ):
         try:
             run_stage(folder)
+            code = 0
         except Exception as error:
             print(f"{type(error).__name__}: {error}", file=log, flush=True)
-            sys.exit(1)
+    sys.exit(code)

@@ -163,7 +163,7 @@ class SlurmLauncher(Launcher):
         """Submit a stage, or take up the job that is still in the queue from an earlier start."""
         ticket = folder / "slurm.json"
         if ticket.exists():
-            number = str(json.loads(ticket.read_text())["job"])
+            number = str(json.loads(ticket.read_text(encoding="utf-8"))["job"])
             self._queue.refresh()
             if self._queue.state(number) in WAITING:
                 return _SlurmJob(number, folder, self._queue)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 
-from fl3d.core.errors import ConfigError
+from fl3d.config.seeds import MOST
+from fl3d.core.errors import ConfigError, options
 from fl3d.evaluation.verdicts import FEWEST
 
 WHERE = "hydra.sweeper"
@@ -34,7 +37,8 @@ class Rounds:
         for name in ("first", "most", "step"):
             count = getattr(self, name)
             if not isinstance(count, int) or isinstance(count, bool) or count < 1:
-                raise ConfigError(f"{WHERE}.{name}: {count} is not a whole number of at least 1")
+                shown = "null" if count is None else count
+                raise ConfigError(f"{WHERE}.{name}: {shown} is not a whole number of at least 1")
         if self.first < FEWEST:
             raise ConfigError(
                 f"{WHERE}.first: {self.first}, but a verdict needs at least {FEWEST} seeds"
@@ -43,8 +47,13 @@ class Rounds:
             raise ConfigError(
                 f"{WHERE}.most: {self.most} is less than the {self.first} seeds of the first round"
             )
+        if self.most > MOST:
+            raise ConfigError(
+                f"{WHERE}.most: {self.most} is more than the {MOST} seeds that a sweep may have"
+            )
         hours = self.hours
-        if hours is not None and (isinstance(hours, bool) or not hours > 0):
+        is_number = isinstance(hours, int | float) and not isinstance(hours, bool)
+        if hours is not None and not (is_number and math.isfinite(hours) and hours > 0):
             raise ConfigError(f"{WHERE}.hours: {hours}; give hours of work above 0, or null")
 
     @property
@@ -55,3 +64,18 @@ class Rounds:
     def after(self, n_seeds: int) -> int | None:
         """Number of seeds of the round that follows; None: there is none."""
         return next((look for look in self.looks if look > n_seeds), None)
+
+
+def rounds_of(settings: Mapping[str, object]) -> Rounds:
+    """The rounds that a config says.
+
+    Raises:
+        ConfigError: a key that there is not, or counts that do not go together.
+    """
+    own = {field.name for field in fields(Rounds)}
+    unknown = sorted(set(settings) - own)
+    if unknown:
+        raise ConfigError(
+            f"{WHERE}.{unknown[0]}: hydra/sweeper=until_decided has no such key. {options(unknown[0], own)}"
+        )
+    return Rounds(**settings)  # type: ignore[arg-type]

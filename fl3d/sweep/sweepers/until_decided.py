@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from fl3d.config.compose import values_by_key
+from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError
 from fl3d.evaluation.verdicts import Verdict
 from fl3d.reports.rounds import Place, decided, listed, round_text, time_text
@@ -24,7 +24,7 @@ from fl3d.sweep.sweepers.base import (
     Work,
 )
 from fl3d.sweep.sweepers.grid import expand, point_of
-from fl3d.sweep.sweepers.rounds import Rounds
+from fl3d.sweep.sweepers.rounds import Rounds, rounds_of
 
 HOUR = 3600.0
 At = Callable[[Sequence[str], int], Point]
@@ -226,8 +226,9 @@ def until_decided(
     Raises:
         ConfigError: seeds are swept, a value that cannot be listed, or counts that do not go together.
     """
-    rounds = Rounds(**settings)  # type: ignore[arg-type]
-    fixed, grid = expand(params, arguments)
+    rounds = rounds_of(settings)
+    laid = expand(params, arguments)
+    grid = laid.points
     if any(SEED in values_by_key(point) for point in grid):
         raise ConfigError(
             "seed: hydra/sweeper=until_decided adds the seeds itself. Leave seed= and seeds= out (or give the first, "
@@ -236,7 +237,7 @@ def until_decided(
 
     def at(overrides: Sequence[str], seed: int) -> Point:
         seeded = [*overrides, f"{SEED}={seed}"]
-        return point_of(seeded, compose([*fixed, *seeded]))
+        return point_of(seeded, compose([*laid.whole(overrides), seeded[-1]]))
 
-    start = compose([*fixed, *grid[0]])[SEED]
+    start = compose(laid.whole(grid[0]))[SEED]
     return UntilDecided(grid, at, start, rounds)

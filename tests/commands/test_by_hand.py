@@ -1,0 +1,226 @@
+"""Sweeps and trials that were typed by hand, without a name: they name themselves, and words find them."""
+
+import csv
+import os
+from pathlib import Path
+
+import pytest
+
+from fl3d.commands import tables, why
+from fl3d.commands.words import open_words, or_gamma, read_words
+from fl3d.config.compose import compose_config, multirun
+from fl3d.config.detector_names import spell_out_detectors
+from fl3d.core.errors import ConfigError, StoreError
+from fl3d.runs.by_hand import sweep_name
+from fl3d.store.opening import open_store
+from fl3d.sweep.by_hand import name_trial, named
+from fl3d.sweep.launchers.inline import InlineLauncher
+from fl3d.sweep.run import run_sweep
+from fl3d.sweep.setup import prepare_sweep
+from fl3d.sweep.sweepers.base import Sweeper
+from fl3d.sweep.sweepers.grid import Listed, grid, point_of
+from tests.support import SMALL
+
+SHORT = ["schedule=from_scratch", "schedule.stages.scratch.epochs=1"]
+GAMMAS = ["detector=voxelnet", "loss.gamma=0,2", *SHORT]
+NETWORKS = ["detector=fcn3d,voxelnet", "loss.alpha=0.3", *SHORT]
+TRIAL = ["detector=voxelnet", "loss.gamma=5"]
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("by_hand")
+
+
+@pytest.fixture(scope="module")
+def places(simulated: Path, root: Path) -> list[str]:
+    folders = [
+        f"data.root={simulated}",
+        f"store.root={root / 'runs'}",
+        f"results={root / 'results'}",
+    ]
+    return [*SMALL[:4], *folders]
+
+
+def start(words: list[str], sweeper: Sweeper) -> None:
+    run_sweep(prepare_sweep(sweeper, words), InlineLauncher(), say=lambda line: None)
+
+
+@pytest.fixture(scope="module")
+def started(places: list[str]) -> list[str]:
+    """Two sweeps and a trial, one after another, none with a name."""
+    for words in (GAMMAS, NETWORKS):
+        asked = named(multirun([*words, *places]))
+        start(asked.arguments, grid({}, asked.arguments, asked.compose))
+    config = compose_config([*TRIAL, *SHORT, *places])
+    name_trial(config)
+    start([*TRIAL, *SHORT, *places], Listed([point_of(TRIAL, config)]))
+    return places
+
+
+def shown(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    tables.run(words)
+    return capsys.readouterr().out
+
+
+def test_words_find_the_sweep_that_they_started(
+    started: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = shown([*NETWORKS, *started], capsys)
+    assert "| detector | seeds |" in said
+    assert "| 3D-FCN | 1 |" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "levels"),
+    [
+        (["loss.gamma=0,2"], ["0", "2"]),
+        (["loss.gamma=2"], ["0", "2"]),  # beside its baseline
+        (["loss.alpha=0.3"], ["3D-FCN", "VoxelNet"]),
+        (["loss.alpha=0.3", "detector=fcn3d"], ["3D-FCN"]),
+        (["loss.gamma=5"], ["5"]),
+    ],
+)
+def test_some_of_the_words_are_enough(
+    words: list[str], levels: list[str], started: list[str]
+) -> None:
+    assert open_words(read_words([*words, *started])).levels == levels
+
+
+def test_tables_of_a_sweep_by_hand_come_in_every_form_with_verdicts(
+    started: list[str], root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = shown([*GAMMAS, *started], capsys)
+    assert "verdict" in said
+    name = sweep_name([*GAMMAS, *started])
+    folder = root / "results" / "simulated-tiny" / "tables"
+    for ending in ("md", "tex", "csv"):
+        for view in ("", "_intervals"):
+            assert (folder / f"table_{name}-voxelnet{view}.{ending}").exists()
+    with (folder / f"table_{name}-voxelnet.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["level"] for row in rows] == ["0", "2"]
+    assert {"seeds", "bev_easy", "3d_hard"} <= set(rows[0])
+
+
+@pytest.mark.slow
+def test_tables_without_a_word_show_every_sweep_by_hand(
+    started: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    where = [
+        word for word in started if word.startswith(("profile", "store", "results", "data.root"))
+    ]
+    said = shown(where, capsys)
+    assert "| γ | seeds |" in said
+    assert "| detector | seeds |" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "cell"),
+    [
+        (["gamma=2"], "VoxelNet, gamma=2"),
+        (["loss.gamma=2", "detector=voxelnet"], "VoxelNet, gamma=2"),
+        (["loss.alpha=0.3", "detector=fcn3d"], "all, detector=3D-FCN"),
+        (["loss.alpha=0.3", "detector=voxelnet"], "all, detector=VoxelNet"),
+        (["loss.gamma=5"], "VoxelNet, gamma=5"),
+    ],
+)
+def test_why_follows_a_cell_of_a_sweep_by_hand(
+    words: list[str], cell: str, started: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    why.run(["last", *words, "3d/moderate", *started])
+    said = capsys.readouterr().out
+    assert said.startswith(f"last, {cell}, 3d/moderate: ")
+    assert "scored now" in said
+    assert "the same" in said
+
+
+def test_trials_by_hand_are_runs_of_one_experiment_and_sweeps_have_their_own(
+    started: list[str], root: Path
+) -> None:
+    store = open_store(root / "runs")
+    assert len(store.read("trials-simulated-tiny")["run"].unique()) == 1
+    assert len(store.read(f"{sweep_name([*GAMMAS, *started])}-simulated-tiny")["run"].unique()) == 2
+    assert len(list((root / "runs" / "plans").glob("trials*.json"))) == 3
+
+
+def test_what_was_never_started_is_told_with_what_was(started: list[str]) -> None:
+    with pytest.raises(StoreError) as error:
+        open_words(read_words(["loss.gamma=7", *started]))
+    said = str(error.value)
+    assert "no sweep typed by hand on simulated-tiny has loss.gamma=7" in said
+    assert "detector=voxelnet loss.gamma=0,2 schedule=from_scratch" in said
+
+
+def test_of_two_that_fit_the_last_that_was_started_is_meant(started: list[str], root: Path) -> None:
+    plans = {path.name: path for path in (root / "runs" / "plans").glob("trials*.json")}
+    gammas = plans[f"{sweep_name([*GAMMAS, *started])}-simulated-tiny.json"]
+    trial = next(path for name, path in plans.items() if name.startswith("trials."))
+    for last, levels in ((trial, ["5"]), (gammas, ["0", "2"])):
+        for path in plans.values():
+            os.utime(path, (1, 1))
+        os.utime(last, (2, 2))
+        assert open_words(read_words(["detector=voxelnet", *started])).levels == levels
+
+
+def test_other_sweeps_have_other_names_and_more_seeds_the_same() -> None:
+    name = sweep_name(["loss.gamma=0,1", "detector=voxelnet"])
+    assert name.startswith("trials-gamma-")
+    assert name == sweep_name(["detector=voxelnet", "loss.gamma=0.0,1", "seed=range(0,5)"])
+    assert name == sweep_name(["loss.gamma=0,1", "detector=voxelnet", "data.root=/kitti"])
+    others = (
+        ["loss.gamma=0,1", "detector=fcn3d"],
+        ["loss.gamma=0,2", "detector=voxelnet"],
+        ["loss.gamma=interval(0,1)", "detector=voxelnet"],
+    )
+    assert len({name, *(sweep_name(other) for other in others)}) == 4
+
+
+def test_a_trial_is_the_same_however_it_is_typed() -> None:
+    names = []
+    for words in (["loss.gamma=2"], ["loss.gamma=2.0", "seed=0", "device=cpu"], ["seed=1"]):
+        config = compose_config(["detector=voxelnet", *words])
+        name_trial(config)
+        names.append(config["sweep"]["name"])
+    assert names[0] == names[1] != names[2]
+
+
+def test_a_name_of_the_users_own_is_kept() -> None:
+    config = compose_config(["detector=voxelnet", "sweep.name=mine"])
+    name_trial(config)
+    assert config["sweep"]["name"] == "mine"
+    assert named(multirun(["sweep.name=mine"])).base["sweep"]["name"] == "mine"
+
+
+def test_without_words_commands_mean_the_gamma_sweep(tmp_path: Path) -> None:
+    words = [f"store.root={tmp_path}", "profile=tiny"]
+    assert or_gamma(words) == [*words, "+sweep=gamma"]
+    assert or_gamma(["sweep.name=mine"]) == ["sweep.name=mine"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("detector=3D-FCN", "detector=fcn3d"),
+        ("detector=VoxelNet,3d-fcn,pointrcnn", "detector=voxelnet,fcn3d,pointrcnn"),
+        ("detector=F-ConvNet", "detector=fconvnet"),
+        ("detector=fcn3d", "detector=fcn3d"),
+        ("detector=yolo", "detector=yolo"),  # refused where it is read
+        ("detector.channels=3D-FCN", "detector.channels=3D-FCN"),
+    ],
+)
+def test_a_detector_is_meant_by_either_of_its_names(typed: str, meant: str) -> None:
+    assert spell_out_detectors(["-m", typed]) == ["-m", meant]
+
+
+def test_a_sweep_over_detectors_takes_either_name_for_its_baseline(
+    simulated: Path, tmp_path: Path
+) -> None:
+    from tests.support import small_sweep
+
+    points = [["detector=voxelnet"], ["detector=fcn3d"]]
+    for name in ("fcn3d", "3D-FCN"):
+        prepared = small_sweep(simulated, tmp_path, points, f"sweep.baseline={name}")
+        assert prepared.planner.frozen(prepared.plan).baseline == "3D-FCN"
+    with pytest.raises(ConfigError, match=r"sweep\.baseline: no level 'pointrcnn'"):
+        small_sweep(simulated, tmp_path, points, "sweep.baseline=pointrcnn")
