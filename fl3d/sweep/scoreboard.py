@@ -69,7 +69,7 @@ class Scoreboard:
         return self._steps[key].steps
 
     def all_steps(self, key: str) -> list[int]:
-        """As ``steps``, of a stage that has ended; its last is waited for where a folder on a network is listed late."""
+        """As ``steps``, of a stage that has ended; its last is waited for where a network's folder is listed late."""
         folder = self.folder(key)
         end = end_of(folder)
         deadline = time.monotonic() + LISTED_SECONDS

@@ -53,13 +53,14 @@ class Trial:
         self._seen: set[str] = set()
         self._is_fresh = True  # whether nothing was waited for since the start
 
-    def run(self, count: int) -> None:
-        """Kill so often, and compare."""
+    def run(self, count: int, seconds: float) -> None:
+        """Kill so often, for so long at most, and compare."""
+        deadline = time.monotonic() + seconds
         self.work.mkdir(parents=True, exist_ok=True)
         try:
             self._undisturbed()
             start = None
-            while self.kills.total() < count:
+            while self.kills.total() < count and time.monotonic() < deadline:
                 if start is None or not start.is_running:
                     self._judge(start)
                     start = self._start()
@@ -239,7 +240,7 @@ def campaign(asked: Asked) -> Found:
         rng = random.Random(f"{asked.seed} {part.name}")
         trial = Trial(part, shared, asked.work / part.name, rng, found)
         try:
-            trial.run(count)
+            trial.run(count, 60 * (asked.minutes or 1e9) / len(parts))
         except RuntimeError as error:
             found.check(False, str(error))
         table += trial.kills
