@@ -55,10 +55,10 @@ class Trial:
 
     def run(self, count: int, seconds: float) -> None:
         """Kill so often, for so long at most, and compare."""
-        deadline = time.monotonic() + seconds
         self.work.mkdir(parents=True, exist_ok=True)
         try:
             self._undisturbed()
+            deadline = time.monotonic() + seconds
             start = None
             while self.kills.total() < count and time.monotonic() < deadline:
                 if start is None or not start.is_running:
