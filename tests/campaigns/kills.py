@@ -72,26 +72,25 @@ class Trial:
 
     def _start(self) -> Start:
         self._is_fresh = True
-        return Start(self._words(self.work), self.work / "log.txt")
-
-    def _words(self, work: Path) -> list[str]:
-        words = self.part.command(self.shared, work)
         uri = self.server.uri if self.server is not None else ""
-        return [word.replace("URI", uri) for word in words]
+        words = self.part.command(self.shared, self.work)
+        return Start([word.replace("URI", uri) for word in words], self.work / "log.txt")
 
     def _undisturbed(self) -> None:
         """The same sweep, left alone: what the others must come to."""
-        whole = self.work / "whole"
-        whole.mkdir()
         if self.server is not None:
             self.server.start()
-        start = Start(self._words(whole), whole / "log.txt")
+        start = self._start()
         start.wait(LONGEST)
         if start.code != 0:
             raise RuntimeError(f"{self.part.name} fails undisturbed:\n{start.said()}")
         orphans(self._own())
-        self.expected = checks.contents(whole / "results")
-        if self.server is not None:  # a store of its own for the disturbed ones
+        self.expected = checks.contents(self.work / "results")
+        whole = self.work / "whole"
+        whole.mkdir()
+        (self.work / "runs").rename(whole / "runs")
+        forget(self.work)
+        if self.server is not None:
             self.server.renew()
 
     def _own(self) -> list[int]:
