@@ -61,6 +61,18 @@ REFUSALS = (
     errno.ENOTDIR,
     errno.ENAMETOOLONG,
 )
+# A disk, or the network to it, that has not answered; the same call may go through later.
+FAULTY = (
+    errno.EIO,
+    errno.ESTALE,
+    errno.EAGAIN,
+    errno.EBUSY,
+    errno.ENOLCK,
+    errno.ENOTCONN,
+    errno.ETIMEDOUT,
+    errno.EHOSTDOWN,
+    errno.EREMOTEIO,
+)
 TRAIN = "train"  # what runs where no command is named
 RESUMING = (TRAIN, "import", "simulate", "stage")  # what was interrupted goes on where it was
 # Hydra's options.
@@ -108,9 +120,12 @@ def _run(typed: list[str]) -> None:
         said = lead + interrupts.text(number, again)
         raise ended(said, interrupts.code(number)) from None
     except OSError as error:
-        if error.errno not in REFUSALS:
+        if error.errno not in (*REFUSALS, *FAULTY):
             raise
         place = error.filename or "a file"
+        if error.errno in FAULTY:
+            said = f"{place}: {error.strerror}; when the disk answers again, run the same command again"
+            raise ended(f"fl3d: {said}", FAILED) from None
         if error.errno in FULL:
             said = str(Unwritable(error.errno, error.strerror, place))
         else:

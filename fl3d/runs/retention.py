@@ -37,6 +37,8 @@ def superfluous_weights(folder: RunFolder, every: int | None) -> list[Path]:
     """
     spec = read_spec(folder)
     steps = {spec.stage.own_epoch(step): step for step in folder.steps()}
+    if not steps:
+        return []  # deleted, or listed late
     means = [
         {epoch: _mean(folder, step, protocol) for epoch, step in steps.items()}
         for protocol in folder.protocols()

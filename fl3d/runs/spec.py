@@ -198,6 +198,14 @@ def write_done(folder: RunFolder, ended: Mapping[str, float]) -> None:
     write_text(folder.done, json.dumps(dict(ended)) + "\n")
 
 
+def end_of(folder: RunFolder) -> int | None:
+    """Step of the last checkpoint of a stage that is done; None where it is not, or does not say."""
+    try:
+        return int(json.loads(folder.done.read_text(encoding="utf-8"))["step"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def read_scores(folder: RunFolder, step: int, protocol: str) -> dict[str, float] | None:
     """Scores of a checkpoint under a protocol, by its id; None where it was not scored under it."""
     path = folder.scores(step, protocol)

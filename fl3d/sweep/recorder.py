@@ -153,8 +153,10 @@ class Recorder:
         if trial.key not in self._runs:
             self._runs[trial.key] = self._open(trial)
         run = self._runs[trial.key]
+        # A run that is closed is not looked at again: it must hold every step.
+        listed = self.scores.all_steps if standing.state is TrialState.DONE else self.scores.steps
         for key in trial.stages:
-            for step in self.scores.steps(key):
+            for step in listed(key):
                 if step not in run.logged:
                     self.store.log(run.id, self._scored(key, step))
                     run.logged.add(step)
@@ -211,7 +213,7 @@ class Recorder:
 
     def _finish(self, trial: Trial, run: _Run) -> None:
         """Log the last and the best checkpoint as models, a picture and the config; close the run."""
-        chosen = {rule: self._choose(trial, rule) for rule in RULES}
+        chosen = {rule: self._choose(trial, rule, run.logged) for rule in RULES}
         last = chosen["last"][1]
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
@@ -227,12 +229,13 @@ class Recorder:
         )
         self.store.end(run.id, RunStatus.DONE)
 
-    def _choose(self, trial: Trial, rule: str) -> tuple[str, int]:
-        """Stage and step of the checkpoint that a rule picks, by the rule that the tables use."""
+    def _choose(self, trial: Trial, rule: str, logged: set[int]) -> tuple[str, int]:
+        """Stage and step of the logged checkpoint that a rule picks, by the rule that the tables use."""
         rows = [
             {"stage": key, "step": step, **self.scores.aps(key, step)}
             for key in trial.stages
             for step in self.scores.folder(key).steps()
+            if step in logged
         ]
         frame = pd.DataFrame(rows).assign(trial=trial.key, first_own_step=trial.first_own_step)
         row = select(frame, rule, self.subject.best_among).iloc[0]

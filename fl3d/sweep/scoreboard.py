@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 from fl3d.core.errors import CheckpointError, DataError
 from fl3d.core.records import Stage
@@ -11,8 +13,24 @@ from fl3d.evaluation.detections import Validation
 from fl3d.evaluation.protocol import Protocol
 from fl3d.inference.scores import scores_of
 from fl3d.runs.layout import RunFolder, StoreFolder
+from fl3d.runs.spec import end_of
+
+LISTED_SECONDS = 90.0  # NFS keeps a listing for up to 60 (acdirmax)
+LIST_AGAIN_SECONDS = 0.5
+
+SETTLED_SECONDS = 2.0  # a folder's time is that of a tick: what comes within it would not be seen
 
 APs = dict[str, float]
+
+
+@dataclass(frozen=True)
+class _Listing:
+    """Steps of a folder that was last changed at a time of its own, first and last seen so by this process's clock."""
+
+    changed: int
+    first: float
+    listed: float
+    steps: list[int]
 
 
 class Scoreboard:
@@ -29,7 +47,7 @@ class Scoreboard:
         self.validation = validation
         self.protocol = protocol
         self._read: dict[tuple[str, int], APs] = {}
-        self._steps: dict[str, tuple[int, list[int]]] = {}
+        self._steps: dict[str, _Listing] = {}
         self._told: dict[str, int] = {}
 
     def folder(self, key: str) -> RunFolder:
@@ -43,9 +61,25 @@ class Scoreboard:
             changed = folder.marker(0).parent.stat().st_mtime_ns
         except FileNotFoundError:
             return []
-        if self._steps.get(key, (-1, []))[0] != changed:
-            self._steps[key] = (changed, folder.steps())
-        return self._steps[key][1]
+        known, now = self._steps.get(key), time.monotonic()
+        if known is None or known.changed != changed:
+            self._steps[key] = _Listing(changed, now, now, folder.steps())
+        elif known.listed - known.first < SETTLED_SECONDS:
+            self._steps[key] = replace(known, listed=now, steps=folder.steps())
+        return self._steps[key].steps
+
+    def all_steps(self, key: str) -> list[int]:
+        """As ``steps``, of a stage that has ended; its last is waited for where a network's folder is listed late."""
+        folder = self.folder(key)
+        end = end_of(folder)
+        deadline = time.monotonic() + LISTED_SECONDS
+        steps = folder.steps()
+        while end is not None and end not in steps and time.monotonic() < deadline:
+            if not folder.marker(end).exists():
+                break  # somebody has deleted it
+            time.sleep(LIST_AGAIN_SECONDS)
+            steps = folder.steps()
+        return steps
 
     def changed(self, keys: Iterable[str]) -> set[str]:
         """Stages among some that have other checkpoints than when this was asked last."""
@@ -65,7 +99,10 @@ class Scoreboard:
     def curve(self, stage: Stage) -> dict[int, APs]:
         """APs of a stage's checkpoints so far, by its own epochs; those that cannot be read are left out."""
         found = {}
-        for step in self.steps(stage.key):
+        steps = self.steps(stage.key)
+        if stage.end_step not in steps and self.folder(stage.key).is_done:
+            steps = self.all_steps(stage.key)
+        for step in steps:
             with contextlib.suppress(CheckpointError, DataError):  # the recorder says so, once
                 found[stage.own_epoch(step)] = self.aps(stage.key, step)
         return found

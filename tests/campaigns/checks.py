@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 NOISE = ("-wal", "-shm", ".lease", ".guard", ".log")  # of files that come and go
+MOST = 5  # faults of a kind that are told
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -38,8 +39,10 @@ def checkpoints(root: Path) -> set[str]:
 
 def doubled_or_lost(root: Path) -> list[str]:
     """Scores of finished checkpoints that the store does not hold exactly once, and runs that are doubled."""
-    query = """SELECT t.value, m.step, m.key, COUNT(*) FROM metrics m JOIN tags t USING (run_uuid)
-               WHERE t.key = 'fl3d.stages' AND m.key LIKE 'ap_%' GROUP BY t.value, m.step, m.key"""
+    query = """SELECT r.experiment_id || ' ' || t.value AS trial, m.step, m.key, COUNT(*)
+               FROM metrics m JOIN tags t USING (run_uuid) JOIN runs r USING (run_uuid)
+               WHERE t.key = 'fl3d.stages' AND m.key LIKE 'ap_%' AND r.lifecycle_stage = 'active'
+               GROUP BY trial, m.step, m.key"""
     found = {(stages, step, key): count for stages, step, key, count in _rows(root, query)}
     keys = {key for _, _, key in found}
     wrong = [f"score {where} stands {count} times" for where, count in found.items() if count != 1]
@@ -49,6 +52,8 @@ def doubled_or_lost(root: Path) -> list[str]:
             if stage in stages.split():
                 lost = [key for key in keys if (stages, int(step), key) not in found]
                 wrong += [f"score {checkpoint} {key} is missing" for key in lost]
+    if len(wrong) > MOST:
+        wrong = [*wrong[:MOST], f"and {len(wrong) - MOST} more scores"]
     models = """SELECT source_run_id, name, COUNT(*) FROM logged_models
                 WHERE lifecycle_stage = 'active' GROUP BY source_run_id, name"""
     wrong += [

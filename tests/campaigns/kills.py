@@ -53,13 +53,14 @@ class Trial:
         self._seen: set[str] = set()
         self._is_fresh = True  # whether nothing was waited for since the start
 
-    def run(self, count: int) -> None:
-        """Kill so often, and compare."""
+    def run(self, count: int, seconds: float) -> None:
+        """Kill so often, for so long at most, and compare."""
         self.work.mkdir(parents=True, exist_ok=True)
         try:
             self._undisturbed()
+            deadline = time.monotonic() + seconds
             start = None
-            while self.kills.total() < count:
+            while self.kills.total() < count and time.monotonic() < deadline:
                 if start is None or not start.is_running:
                     self._judge(start)
                     start = self._start()
@@ -71,26 +72,25 @@ class Trial:
 
     def _start(self) -> Start:
         self._is_fresh = True
-        return Start(self._words(self.work), self.work / "log.txt")
-
-    def _words(self, work: Path) -> list[str]:
-        words = self.part.command(self.shared, work)
         uri = self.server.uri if self.server is not None else ""
-        return [word.replace("URI", uri) for word in words]
+        words = self.part.command(self.shared, self.work)
+        return Start([word.replace("URI", uri) for word in words], self.work / "log.txt")
 
     def _undisturbed(self) -> None:
         """The same sweep, left alone: what the others must come to."""
-        whole = self.work / "whole"
-        whole.mkdir()
         if self.server is not None:
             self.server.start()
-        start = Start(self._words(whole), whole / "log.txt")
+        start = self._start()
         start.wait(LONGEST)
         if start.code != 0:
             raise RuntimeError(f"{self.part.name} fails undisturbed:\n{start.said()}")
         orphans(self._own())
-        self.expected = checks.contents(whole / "results")
-        if self.server is not None:  # a store of its own for the disturbed ones
+        self.expected = checks.contents(self.work / "results")
+        whole = self.work / "whole"
+        whole.mkdir()
+        (self.work / "runs").rename(whole / "runs")
+        forget(self.work)
+        if self.server is not None:
             self.server.renew()
 
     def _own(self) -> list[int]:
@@ -239,7 +239,7 @@ def campaign(asked: Asked) -> Found:
         rng = random.Random(f"{asked.seed} {part.name}")
         trial = Trial(part, shared, asked.work / part.name, rng, found)
         try:
-            trial.run(count)
+            trial.run(count, 60 * (asked.minutes or 1e9) / len(parts))
         except RuntimeError as error:
             found.check(False, str(error))
         table += trial.kills

@@ -106,7 +106,7 @@ def config_cases(shared: Path, work: Path) -> list[Case]:
     cases = []
     for number, (group, text) in enumerate(CONFIGS):
         folder = work / "configs" / f"{number}" / group
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)
         name = f"odd{number}"
         content = text if isinstance(text, bytes) else text.encode()
         (folder / f"{name}.yaml").write_bytes(content)

@@ -47,12 +47,14 @@ class Asked:
         seed: of its random numbers.
         count: how often it tries.
         only: names of its parts; empty: all.
+        minutes: after which it tries no more; None: as often as it was asked.
     """
 
     work: Path
     seed: int
     count: int
     only: tuple[str, ...] = ()
+    minutes: float | None = None
 
 
 def main(campaign: Callable[[Asked], Found], about: str | None, count: int) -> None:
@@ -64,13 +66,16 @@ def main(campaign: Callable[[Asked], Found], about: str | None, count: int) -> N
     parser.add_argument("--count", type=int, default=count, help=f"how often (default {count})")
     parser.add_argument("--work", type=Path, help="folder to work in; default: a temporary one")
     parser.add_argument("--only", nargs="*", default=[], help="parts of it alone")
+    parser.add_argument("--minutes", type=float, help="try no more after so long (kills alone)")
     given = parser.parse_args()
     started = time.monotonic()
     with contextlib.ExitStack() as stack:
         work = given.work or Path(stack.enter_context(tempfile.TemporaryDirectory()))
         work.mkdir(parents=True, exist_ok=True)
         os.chdir(ROOT)
-        found = campaign(Asked(work.resolve(), given.seed, given.count, tuple(given.only)))
+        only = tuple(given.only)
+        asked = Asked(work.resolve(), given.seed, given.count, only, given.minutes)
+        found = campaign(asked)
     print("\n".join(found.figures))
     print(f"{time.monotonic() - started:.0f} s, {len(found.faults)} faults", flush=True)
     if found.faults:

@@ -3,7 +3,7 @@
     python -m tests.campaigns.slow_disk --seed 0
 
 Calls on files of the store are delayed at random; locks succeed without locking, or fail; a folder's listing may
-lack what was written just now; one call in some thousands ends in ESTALE, EIO or EAGAIN. Two sweeps that share their
+lack what was written just now; one call in 300 ends in ESTALE, EIO or EAGAIN. Two sweeps that share their
 stages run on it at once, and are started again until they end. Each start must end with 0 or a clear error, and nothing
 may be lost or doubled.
 """
@@ -28,7 +28,7 @@ from tests.campaigns.runner import Asked, Found, main
 from tests.campaigns.starts import Start, kill, load, orphans
 
 SLOW, SECONDS = 0.1, 0.02  # share of calls that are delayed, and by how much at most
-FAILS = 1 / 3000  # share of calls that fail
+FAILS = 1 / 300  # share of calls that fail
 LATE, AGE = 0.2, 0.5  # share of listings that lack what is younger than so many seconds
 STARTS = 25  # of each sweep at most
 PATIENCE = 900.0

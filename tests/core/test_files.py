@@ -1,6 +1,7 @@
 """What is written is whole or not there, and what cannot be written says so."""
 
 import errno
+import os
 import pickle
 from pathlib import Path
 
@@ -89,3 +90,21 @@ def test_what_the_system_refuses_ends_a_command_with_a_sentence(
         main(["clean"])
     assert ended.value.code == 2
     assert capsys.readouterr().err.startswith(said)
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])
+def test_a_disk_that_does_not_answer_ends_a_command_with_a_sentence(
+    number: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nobody's mistake: exit code 1, and the same command again."""
+
+    def fails(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number), "/data/plan.json")
+
+    monkeypatch.setattr("fl3d.commands.clean.clean", fails)
+    with pytest.raises(SystemExit) as ended:
+        main(["clean"])
+    assert ended.value.code == 1
+    said = capsys.readouterr().err
+    assert said.startswith(f"fl3d: /data/plan.json: {os.strerror(number)}; ")
+    assert "run the same command again" in said

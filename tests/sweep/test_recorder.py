@@ -1,5 +1,6 @@
 """From run folders to the store: each checkpoint once for every trial, whatever goes wrong."""
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +13,8 @@ from fl3d.core.records import Checkpoint, Trial
 from fl3d.evaluation.detections import Validation
 from fl3d.evaluation.protocol import Protocol
 from fl3d.runs.checkpoints import load_state, save_state, write_marker
-from fl3d.runs.layout import StoreFolder
-from fl3d.runs.spec import write_scores
+from fl3d.runs.layout import RunFolder, StoreFolder
+from fl3d.runs.spec import write_done, write_scores
 from fl3d.store.base import RunStatus, Scored
 from fl3d.store.memory import MemoryRun, MemoryStore
 from fl3d.sweep.recorder import Recorder, Subject, run_name
@@ -395,3 +396,35 @@ def test_tables_and_figures_are_put_beside_every_trial(bench: Bench, tmp_path: P
     bench.recorder.attach([tmp_path / "table.md"], "tables")
     assert [bench.run(n).files for n in (0, 1)] == [{"tables": ["table.md"]}] * 2
     assert bench.recorder.runs == list(bench.store.runs)
+
+
+def test_a_folder_that_is_listed_late_is_waited_for_when_its_trial_is_done(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its last checkpoint would be its last model, and its score would be missing for ever."""
+    bench.trained()
+    for key in ("warmup", "focal-0", "focal-2"):
+        write_done(bench.layout.run(key), {"step": 4 if key == "warmup" else 8})
+    steps, looks = RunFolder.steps, []
+
+    def late(folder: RunFolder) -> list[int]:
+        looks.append(folder.key)
+        found = steps(folder)
+        return found if looks.count(folder.key) > 2 else found[:-1]
+
+    monkeypatch.setattr(RunFolder, "steps", late)
+    monkeypatch.setattr("fl3d.sweep.scoreboard.LIST_AGAIN_SECONDS", 0.01)
+    assert bench.sync(DONE, DONE)
+    for number in range(2):
+        assert set(bench.run(number).scores) == {2, 4, 6, 8}
+
+
+def test_a_checkpoint_of_the_same_tick_as_the_one_before_is_seen(bench: Bench) -> None:
+    """The folder's time does not tell them apart."""
+    bench.checkpoint("warmup", 2)
+    folder = bench.layout.run("warmup").marker(0).parent
+    before = folder.stat()
+    assert bench.recorder.scores.steps("warmup") == [2]
+    bench.checkpoint("warmup", 4)
+    os.utime(folder, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert bench.recorder.scores.steps("warmup") == [2, 4]
