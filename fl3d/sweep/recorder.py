@@ -232,9 +232,9 @@ class Recorder:
     def _choose(self, trial: Trial, rule: str, logged: set[int]) -> tuple[str, int]:
         """Stage and step of the logged checkpoint that a rule picks, by the rule that the tables use."""
         rows = [
-            {"stage": key, "step": step, **self.scores.aps(key, step)}
+            {"stage": key, "step": step} | {name: self.scores.aps(key, step)[name] for name in MEAN_3D}
             for key in trial.stages
-            for step in self.scores.folder(key).steps()
+            for step in self.scores.steps(key)
             if step in logged
         ]
         frame = pd.DataFrame(rows).assign(trial=trial.key, first_own_step=trial.first_own_step)
