@@ -86,9 +86,8 @@ class Left:
 
     def _is_dead(self, trial: FrozenTrial, ended: set[str]) -> bool:
         """Whether nobody trains a trial that the study calls running."""
-        if (
-            trial.user_attrs.get(ROOT) is None
-        ):  # Optuna's own ask, killed before it got its attributes
+        # Optuna's own ask, killed before it got its attributes.
+        if trial.user_attrs.get(ROOT) is None:
             return True
         return self.trials.is_ours(trial) and self._sweep_of(trial) in ended
 
