@@ -98,13 +98,15 @@ def read_list(path: Path) -> list[Result]:
         path: of the file; folders are relative to where it lies.
 
     Raises:
-        DataError: there is no such file, a column is missing, or a number is none.
+        DataError: there is no such file or folder, a column is missing, or a number is none.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except OSError as error:
         raise DataError(f"cannot be read ({error.strerror})", path) from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"is no CSV of text in UTF-8 ({error})", path) from None
     found = []
     for number, row in enumerate(rows, start=2):
         missing = [name for name in COLUMNS if not row.get(name)]
@@ -113,8 +115,10 @@ def read_list(path: Path) -> list[Result]:
                 f"has no {', '.join(missing)}; columns are {', '.join(COLUMNS)}", path, number
             )
         for name in ("seed", "epoch"):
-            if not row[name].strip().isdigit():
+            if not row[name].strip().isdecimal():  # ² is a digit
                 raise DataError(f"{name} '{row[name]}' is no whole number", path, number)
+        if not (path.parent / row["folder"]).is_dir():
+            raise DataError(f"there is no folder '{row['folder']}' beside it", path, number)
         found.append(_result(path.parent / row["folder"], row))
     if not found:
         raise DataError(f"lists no folder; columns are {', '.join(COLUMNS)}", path)

@@ -7,7 +7,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-NOISE = ("-wal", "-shm", ".lease", ".guard", ".log")  # of files that come and go
+NOISE = ("-wal", "-shm", ".lease", ".guard", ".log", "uncommitted.patch")  # come and go
 MOST = 5  # faults of a kind that are told
 
 

@@ -104,6 +104,22 @@ def test_a_list_says_the_same_as_a_pattern(elsewhere: Path) -> None:
         read_list(listed)
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"folder,level,seed,epoch\nnothing,1,0,2\n", "list.csv:2: there is no folder 'nothing'"),
+        ("folder,level,seed,epoch\nx,1,²,2\n".encode(), "list.csv:2: seed '²' is no whole number"),
+        (bytes(range(256)), r"list.csv: is no CSV of text in UTF-8"),
+        (b"", "list.csv: lists no folder"),
+    ],
+)
+def test_a_list_that_cannot_be_read_is_named(tmp_path: Path, content: bytes, said: str) -> None:
+    listed = tmp_path / "list.csv"
+    listed.write_bytes(content)
+    with pytest.raises(DataError, match=said):
+        read_list(listed)
+
+
 def test_a_pattern_that_fits_nothing_is_answered_with_what_is_there(elsewhere: Path) -> None:
     with pytest.raises(DataError, match=r"no folder fits the pattern; there is 0.5/, 0/ in"):
         find_results(str(elsewhere / "run_{level}" / "epoch_{epoch}"))
