@@ -8,6 +8,7 @@ trial is.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -82,8 +83,11 @@ def score_text(scores: pd.DataFrame) -> str:
 
 
 def write_score_file(path: Path, scores: pd.DataFrame, plan: FrozenPlan) -> list[Path]:
-    """Write a sweep's scores, and its plan beside them; both files, the scores last."""
-    write_plan(path.with_suffix(".json"), plan)
+    """Write a sweep's scores, and its plan beside them; both files, the scores last.
+
+    The words that started it stay in the store: they hold this machine's paths, and equal sweeps have equal files.
+    """
+    write_plan(path.with_suffix(".json"), replace(plan, words=()))
     write_text(path, score_text(scores))
     return [path, path.with_suffix(".json")]
 

@@ -232,7 +232,8 @@ class Recorder:
     def _choose(self, trial: Trial, rule: str, logged: set[int]) -> tuple[str, int]:
         """Stage and step of the logged checkpoint that a rule picks, by the rule that the tables use."""
         rows = [
-            {"stage": key, "step": step} | {name: self.scores.aps(key, step)[name] for name in MEAN_3D}
+            {"stage": key, "step": step}
+            | {name: self.scores.aps(key, step)[name] for name in MEAN_3D}
             for key in trial.stages
             for step in self.scores.steps(key)
             if step in logged

@@ -299,7 +299,9 @@ def test_scores_that_were_written_are_those_that_were_read(ran: World) -> None:
     """To the bit, from a store to a file and back."""
     sweep = open_sweep(ran.settings)
     path = ran.root / "copy.csv"
-    assert write_score_file(path, sweep.scores, sweep.plan) == [path, path.with_suffix(".json")]
+    told = replace(sweep.plan, words=("data.root=/home/me/kitti",))
+    assert write_score_file(path, sweep.scores, told) == [path, path.with_suffix(".json")]
+    assert "/home/me" not in path.with_suffix(".json").read_text()
     plan, scores = read_score_file(path, sweep.protocol)
     assert plan == sweep.plan
     pd.testing.assert_frame_equal(scores, sweep.scores, check_exact=True)
