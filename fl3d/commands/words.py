@@ -16,6 +16,7 @@ from fl3d.papers.stored import place_words
 from fl3d.runs.by_hand import find_by_hand, has_by_hand, told
 from fl3d.runs.design import SEED
 from fl3d.runs.finished import Asked, FinishedSweep, is_stored, open_sweep
+from fl3d.sweep.by_hand import named
 
 PUBLISHED = CONF.parent / "results"  # what the project publishes
 HELP = "as the sweep was started, such as +sweep=gamma data=kitti seeds=3"
@@ -66,7 +67,8 @@ def open_words(words: Words, row: Sequence[str] = ()) -> FinishedSweep:
     settings = words.settings
     if settings.sweep.name == BY_HAND:
         try:
-            settings = find_by_hand(settings, _typed(words, row))
+            name = str(named(words.multirun).base["sweep"]["name"])
+            settings = find_by_hand(settings, _typed(words, row), name)
         except StoreError:
             if not is_stored(settings, PUBLISHED):
                 raise
@@ -92,6 +94,9 @@ def or_gamma(words: Sequence[str], row: Sequence[str] = ()) -> list[str]:
         read = read_words(words)
         if has_by_hand(read.settings, _typed(read, row)):
             return list(words)
+        gamma = read_words([*words, "+sweep=gamma"]).settings
+        if has_by_hand(read.settings, ()) and not is_stored(gamma, PUBLISHED):
+            return list(words)  # that none of those by hand fits is then told, with what there is
     return [*words, "+sweep=gamma"]
 
 

@@ -22,6 +22,7 @@ from fl3d.papers.judged_views import intervals_by_level, tables_of_verdicts
 from fl3d.papers.registry import papers_of, tables_named
 from fl3d.reports.figures.curves import ap_over_cut, ap_over_level, ap_over_steps, precision_recall
 from fl3d.reports.figures.forest import forest
+from fl3d.reports.figures.style import beside
 from fl3d.reports.levels import levels_table, slug
 from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
@@ -30,6 +31,7 @@ from fl3d.runs.plans import is_of_program
 from fl3d.runs.scores import score_file, score_text, write_score_file
 
 Say = Callable[[str], None]
+FIGURES = (".csv", ".png", ".pdf")  # what each figure is written as
 GENERIC_AVERAGE = "R40"  # of tables that no paper prescribes: KITTI's own since 2019
 CUTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 
@@ -132,7 +134,7 @@ def write_sweep(
         sweep.scores, last, sweep.select("best"), levels, figures / f"ap_over_steps_{sweep.name}"
     )
     stem = figures / f"ap_over_level_{sweep.name}"
-    bars = [stem.with_suffix(ending) for ending in (".csv", ".png", ".pdf")]
+    bars = [beside(stem, ending) for ending in FIGURES]
     if is_new or not all(path.exists() for path in bars):
         ap_over_level(last, levels, stem)  # with intervals once tables are made again
     written = [*write_score_file(file, sweep.scores, sweep.plan), *written, *bars]
@@ -244,8 +246,8 @@ def remove_views(sweep: str, tables: Sequence[Table], folder: Path) -> None:
                 path.unlink()
     for path in (folder / "tables").glob(f"table_{sweep}_verdicts-*"):
         path.unlink()
-    for path in (folder / "figures").glob(f"forest_{sweep}.*"):
-        path.unlink()
+    for ending in FIGURES:  # no pattern: sweep.1 is another sweep than sweep
+        beside(folder / "figures" / f"forest_{sweep}", ending).unlink(missing_ok=True)
 
 
 def draw_curves(sweep: FinishedSweep, compared: Comparisons) -> list[Path]:

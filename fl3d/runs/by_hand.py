@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from fl3d.config.detector_names import spell_out_detectors
 from fl3d.config.overrides import is_interval, values_by_key
 from fl3d.config.settings import BY_HAND, Settings
 from fl3d.core.digests import digest
@@ -31,6 +32,7 @@ PLACES = (
     "schedule.save_every_steps",
 )
 SECTIONS = ("store", "sweep", "hydra")
+DESIGN = ("sweep.factor", "sweep.baseline", "sweep.groups")  # what a sweep compares
 DIGITS = 8  # of a digest: of a thousand sweeps typed by hand two meet with a chance of one in ten thousand
 NAME_LETTERS = 60  # of swept keys in a name
 
@@ -48,28 +50,56 @@ class _Found:
 
 def told(words: Iterable[str]) -> Told:
     """Labels of the values that words name of what is trained, by key; an interval is one label."""
-    found: dict[str, frozenset[str]] = {}
+    return {key: frozenset(labels) for key, labels in _in_order(words).items()}
+
+
+def _in_order(words: Iterable[str]) -> dict[str, list[str]]:
+    """The same, with the labels of a key in the order of its values."""
+    found: dict[str, list[str]] = {}
     for word in words:
         key = word.partition("=")[0].lstrip("+~")
         if key in PLACES or key.partition(".")[0].partition("/")[0] in SECTIONS:
             continue
         if is_interval(word):
-            found[key] = frozenset([word.partition("=")[2]])
+            found[key] = [word.partition("=")[2]]
             continue
         for name, values in values_by_key([word]).items():
-            found[name] = frozenset(label_of(value) for value in values)
+            found[name] = list(dict.fromkeys(label_of(value) for value in values))
     return found
 
 
-def sweep_name(words: Sequence[str]) -> str:
-    """What a sweep of these words is called: more seeds are the same sweep, another value is another."""
-    labels = {key: sorted(values) for key, values in told(words).items()}
+def sweep_name(
+    words: Sequence[str], params: Mapping[str, object] | None = None, is_search: bool = False
+) -> str:
+    """What a sweep of these words is called.
+
+    More seeds are the same sweep. Another value is another, and so is another first one, which is the baseline, another
+    design (``sweep.baseline`` and the like), and a search among the values of a grid.
+
+    Args:
+        words: as typed.
+        params: values that its sweeper was given, by key, in Hydra's grammar.
+        is_search: whether its sweeper picks among the values.
+    """
+    labels = {key: [*values[:1], *sorted(values[1:])] for key, values in _in_order(words).items()}
     seeds = labels.pop(SEED, [])
     intervals = {word.partition("=")[0].lstrip("+") for word in words if is_interval(word)}
     swept = [key for key, values in labels.items() if len(values) > 1 or key in intervals]
+    swept += [key for key in params or {} if key not in (*swept, SEED)]
     names = list(short_names(swept).values()) or ([SEED] if seeds else [])
-    parts = [BY_HAND, slug(" ".join(names))[:NAME_LETTERS], digest(labels)[:DIGITS]]
+    also = {
+        "params": {key: str(value) for key, value in (params or {}).items() if key != SEED},
+        "design": sorted(word.lstrip("+") for word in words if _is_design(word)),
+        "search": is_search,
+    }
+    marks = {key: value for key, value in also.items() if value}
+    parts = [BY_HAND, slug(" ".join(names))[:NAME_LETTERS], digest([labels, marks])[:DIGITS]]
     return "-".join(part for part in parts if part)
+
+
+def _is_design(word: str) -> bool:
+    """Whether a word says what is compared with what."""
+    return word.partition("=")[0].lstrip("+~") in DESIGN
 
 
 def trial_name(values: object) -> str:
@@ -81,7 +111,7 @@ def trial_name(values: object) -> str:
     return f"{BY_HAND}.{digest(values)[:DIGITS]}"
 
 
-def find_by_hand(settings: Settings, words: Sequence[str]) -> Settings:
+def find_by_hand(settings: Settings, words: Sequence[str], name: str = "") -> Settings:
     """The settings of the sweep typed by hand that words mean.
 
     It is the one that was started with them, or else the last that was started with these values among its own.
@@ -89,6 +119,7 @@ def find_by_hand(settings: Settings, words: Sequence[str]) -> Settings:
     Args:
         settings: as the words say, without a name.
         words: as typed; a key may be short: ``gamma=2``.
+        name: what a sweep that was started with them is called.
 
     Raises:
         StoreError: none fits; the message lists those that there are.
@@ -107,7 +138,9 @@ def find_by_hand(settings: Settings, words: Sequence[str]) -> Settings:
                 else "There is none; a sweep file is named by +sweep=NAME"
             )
         )
-    same = [one for one in fitting if told(one.plan.words) == asked]
+    same = [one for one in fitting if one.name == name] or [
+        one for one in fitting if told(one.plan.words) == asked
+    ]
     chosen = max(same or fitting, key=lambda one: one.started)
     return replace(settings, sweep=replace(settings.sweep, name=chosen.name))
 
@@ -154,8 +187,9 @@ def _values(plan: FrozenPlan, key: str) -> frozenset[str]:
     for trial in plan.trials:
         own = {**trial.config, **trial.values, SEED: trial.seed}
         found |= {label_of(value) for name, value in own.items() if _is_named(name, key)}
-        if key == DETECTOR:
-            found.add(trial.detector)
+        if key == DETECTOR:  # by either of its names, typed or not
+            given = spell_out_detectors([f"{DETECTOR}={trial.detector}"])[0]
+            found |= {trial.detector, given.removeprefix(f"{DETECTOR}=")}
     return frozenset(found)
 
 

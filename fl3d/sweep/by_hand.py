@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fl3d.config.compose import Multirun
+from fl3d.config.objects import locate
 from fl3d.config.settings import BY_HAND
 from fl3d.core.records import Config
 from fl3d.runs.by_hand import sweep_name, trial_name
@@ -18,7 +19,9 @@ def named(multirun: Multirun) -> Multirun:
     """A sweep with a name made of its words, unless it has one."""
     if multirun.base["sweep"]["name"] != BY_HAND:
         return multirun
-    name = sweep_name(multirun.arguments)
+    sweeper = multirun.sweeper
+    door = locate(sweeper["_target_"], "hydra.sweeper._target_")
+    name = sweep_name(multirun.arguments, sweeper["params"], getattr(door, "searches", False))
 
     def compose(overrides: Sequence[str]) -> Config:
         return _with_name(multirun.compose(overrides), name)

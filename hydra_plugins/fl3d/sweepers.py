@@ -16,9 +16,11 @@ class Doorway(Sweeper):
 
     Attributes:
         counts_seeds: whether a word such as ``seed=5`` says where it begins, and picks no trials of the sweep.
+        searches: whether it picks among the values, where others train all of them.
     """
 
     counts_seeds = False
+    searches = False
 
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
@@ -81,6 +83,8 @@ class UntilDecidedSweeper(Doorway):
 
 class OptunaSweeper(Doorway):
     """Trials by an Optuna study, see ``fl3d.sweep.sweepers.study.Study`` for the arguments."""
+
+    searches = True
 
     def __init__(self, params: dict[str, Any], **settings: Any) -> None:
         self.params = params

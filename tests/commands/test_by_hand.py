@@ -138,6 +138,32 @@ def test_why_follows_a_cell_of_a_sweep_by_hand(
     assert "the same" in said
 
 
+def test_a_detector_that_was_not_typed_is_known_by_either_name(
+    started: list[str], root: Path, tmp_path: Path
+) -> None:
+    plans = tmp_path / "runs" / "plans"
+    old = read_plan(next((root / "runs" / "plans").glob("trials-gamma*.json")))
+    write_plan(
+        plans / "trials-gamma-1-simulated-tiny.json", replace(old, words=("loss.gamma=0,2",))
+    )
+    settings = read_settings(compose_config([*started, f"store.root={tmp_path / 'runs'}"]))
+    for detector in ("voxelnet", "VoxelNet"):
+        words = [f"detector={detector}", "gamma=2"]
+        assert find_by_hand(settings, words).sweep.name == "trials-gamma-1"
+    with pytest.raises(StoreError, match="detector=fcn3d"):
+        find_by_hand(settings, ["detector=fcn3d", "gamma=2"])
+
+
+def test_a_row_that_nobody_typed_is_told_with_what_was(
+    started: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = [word for word in started if "=" in word]
+    with pytest.raises(StoreError) as error:
+        why.run(["last", "gamma=7", "3d/moderate", *places])
+    assert "gamma=7" in str(error.value)
+    assert "detector=voxelnet loss.gamma=0,2" in str(error.value)
+
+
 def test_trials_by_hand_are_runs_of_one_experiment_and_sweeps_have_their_own(
     started: list[str], root: Path
 ) -> None:
@@ -190,8 +216,55 @@ def test_other_sweeps_have_other_names_and_more_seeds_the_same() -> None:
         ["loss.gamma=0,1", "detector=fcn3d"],
         ["loss.gamma=0,2", "detector=voxelnet"],
         ["loss.gamma=interval(0,1)", "detector=voxelnet"],
+        ["loss.gamma=1,0", "detector=voxelnet"],  # its baseline is 1
+        ["loss.gamma=0,1", "detector=voxelnet", "sweep.baseline=1"],
     )
-    assert len({name, *(sweep_name(other) for other in others)}) == 4
+    assert len({name, *(sweep_name(other) for other in others)}) == 6
+
+
+def test_levels_behind_the_baseline_may_stand_in_any_order() -> None:
+    assert sweep_name(["loss.gamma=0,1,2"]) == sweep_name(["loss.gamma=0,2,1"])
+
+
+@pytest.mark.parametrize(
+    ("words", "is_same"),
+    [
+        (["hydra/sweeper=until_decided"], True),  # the same trials, more seeds
+        (["hydra/sweeper=until_decided", "seed=3"], True),
+        (
+            ["hydra/sweeper=optuna"],
+            False,
+        ),  # a search has trials of its own, and takes nobody's plan
+        (["+hydra.sweeper.params={loss.gamma:'0,1'}"], False),
+        (["+hydra.sweeper.params={loss.gamma:'0,2'}"], False),
+    ],
+)
+def test_what_a_sweeper_trains_is_in_the_name(words: list[str], is_same: bool) -> None:
+    swept = [] if "params" in words[0] else ["loss.gamma=0,1"]
+    name = named(multirun([*swept, *words])).base["sweep"]["name"]
+    assert name.startswith("trials-gamma-")
+    assert (name == named(multirun(["loss.gamma=0,1"])).base["sweep"]["name"]) is is_same
+
+
+def test_other_params_are_another_sweep() -> None:
+    names = {sweep_name([], {"loss.gamma": values}) for values in ("0,1", "0,2")}
+    assert len(names) == 2
+
+
+def test_of_two_orders_each_finds_its_own_baseline(
+    started: list[str], root: Path, tmp_path: Path
+) -> None:
+    plans = root / "runs" / "plans"
+    plan = read_plan(plans / f"{sweep_name([*GAMMAS, *started])}-simulated-tiny.json")
+    folder = tmp_path / "runs" / "plans"
+    turned = ["detector=voxelnet", "loss.gamma=2,0", *SHORT]
+    for typed, baseline in ((GAMMAS, "0"), (turned, "2")):
+        path = folder / f"{sweep_name([*typed, *started])}-simulated-tiny.json"
+        write_plan(path, replace(plan, words=(*typed, *started), baseline=baseline))
+    settings = read_settings(compose_config([*started, f"store.root={tmp_path / 'runs'}"]))
+    for typed in (GAMMAS, turned):
+        name = sweep_name([*typed, *started])
+        assert find_by_hand(settings, [*typed, *started], name).sweep.name == name
 
 
 def test_a_trial_is_the_same_however_it_is_typed() -> None:

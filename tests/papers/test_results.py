@@ -20,6 +20,7 @@ from fl3d.papers.results import (
     interval_views,
     judge_or_say,
     make_tables,
+    remove_views,
     write_sweep,
     write_views,
 )
@@ -419,3 +420,12 @@ def test_words_that_say_where_are_told_from_those_that_say_which() -> None:
 def test_levels_are_told_by_the_short_name_of_the_factor(tmp_path: Path) -> None:
     assert levels_of(gamma_sweep(tmp_path)).head == "γ"
     assert levels_of(loss_sweep(tmp_path)).text("enhanced") == "loss = enhanced"
+
+
+def test_views_of_a_sweep_whose_name_goes_on_behind_a_dot_stay(tmp_path: Path) -> None:
+    figures = tmp_path / "figures"
+    figures.mkdir()
+    for name in ("forest_lr.png", "forest_lr.csv", "forest_lr.1.png"):
+        (figures / name).touch()
+    remove_views("lr", [], tmp_path)
+    assert [path.name for path in figures.iterdir()] == ["forest_lr.1.png"]

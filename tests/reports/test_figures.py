@@ -17,7 +17,7 @@ from fl3d.reports.figures.curves import (
     best_of_k_figure,
     precision_recall,
 )
-from fl3d.reports.figures.style import STYLE, save
+from fl3d.reports.figures.style import STYLE, save, write_data
 from fl3d.reports.levels import Levels
 from tests.reports.frames import GROUPS, is_figure, tidy_scores
 
@@ -172,6 +172,22 @@ def test_the_same_data_give_the_same_bytes(tmp_path: Path) -> None:
     second = ap_over_level(last, GAMMAS, tmp_path / "b")
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
+
+
+def test_names_with_a_dot_have_figures_of_their_own(tmp_path: Path) -> None:
+    written = [
+        path.name
+        for name in ("ap_trials.1a", "ap_trials.2b")
+        for path in [write_data(pd.DataFrame({"ap": [1.0]}), tmp_path / name)]
+    ]
+    figure, _ = plt.subplots()
+    written += [path.name for path in save(figure, tmp_path / "ap_trials.1a")]
+    assert written == [
+        "ap_trials.1a.csv",
+        "ap_trials.2b.csv",
+        "ap_trials.1a.png",
+        "ap_trials.1a.pdf",
+    ]
 
 
 def test_a_dollar_in_a_name_is_a_dollar_and_log_axes_keep_their_powers(tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")
     written = []
     for ending in endings:
         values = METADATA[ending]
-        target = path.with_suffix(ending)
+        target = beside(path, ending)
 
         def draw(temporary: Path, kind: str = ending[1:], values: dict[str, None] = values) -> None:
             figure.savefig(temporary, format=kind, metadata=values, dpi=200)
@@ -66,13 +66,16 @@ def _take_dollars_as_dollars(figure: Figure) -> None:
             text.set_parse_math("mathdefault" in text.get_text())
 
 
+def beside(path: Path, ending: str) -> Path:
+    """A file of a figure; what follows a dot in a sweep's name is no ending that another takes the place of."""
+    return path.with_name(f"{path.name}{ending}")
+
+
 def write_data(frame: pd.DataFrame, path: Path) -> Path:
     """The data of a figure, beside it."""
-    write_text(
-        path.with_suffix(".csv"),
-        frame.to_csv(index=False, lineterminator="\n", float_format="%.6g"),
-    )
-    return path.with_suffix(".csv")
+    target = beside(path, ".csv")
+    write_text(target, frame.to_csv(index=False, lineterminator="\n", float_format="%.6g"))
+    return target
 
 
 def shades(levels: Sequence[str]) -> list[tuple[str, tuple[Any, str]]]:
