@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,19 @@ from fl3d.core.interrupts import Interrupted, end_with_parent
 
 ROOT = Path(__file__).resolve().parent.parent
 HEARD = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+
+
+@pytest.fixture(autouse=True)
+def not_ignored() -> Iterator[None]:
+    """Tests that are started by nohup, or in the background of a script, inherit signals that are ignored."""
+    before = {number: signal.getsignal(number) for number in HEARD}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 # Says when it is ready, waits, and takes a while to end.
 WAITING = """
 import sys, time

@@ -180,7 +180,6 @@ def section(hydra: Any, name: str) -> Config:
     if name == "launcher":
         check_launcher(named)
     if not isinstance(named.get("params", {}), Mapping):
-        raise ConfigError(
-            f"hydra.{name}.params: {named['params']}, but it holds swept values by key"
-        )
+        given = "null" if named["params"] is None else named["params"]
+        raise ConfigError(f"hydra.{name}.params: {given}, but it holds swept values by key")
     return named

@@ -139,9 +139,9 @@ def test_a_stage_reads_as_its_sweep_was_told_to() -> None:
 @pytest.mark.parametrize(
     ("word", "message"),
     [
-        ("data.cloud.columns=2", r"data\.cloud\.columns: 2"),
+        ("data.cloud.columns=2", r"data\.cloud\.columns: '2'"),
         ("data.cloud.dtype=double", r"data\.cloud\.dtype: no choice 'double'"),
-        ("data.cloud.reflectance_scale=0", r"data\.cloud\.reflectance_scale: 0"),
+        ("data.cloud.reflectance_scale=0", r"data\.cloud\.reflectance_scale: '0'"),
         ("data.image_size=[5]", r"data\.image_size: \[5\]"),
     ],
 )

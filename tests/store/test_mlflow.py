@@ -309,7 +309,7 @@ def test_a_store_is_read_where_nobody_may_write(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without the files that SQLite makes beside it; what still waits in one of them is not left out."""
-    root = tmp_path / "read ? only"
+    root = tmp_path / "read 100 % only"
     root.mkdir()
     store = MlflowStore(root)
     assert store.file is not None

@@ -452,7 +452,7 @@ def test_params_that_are_no_mapping_are_refused_whatever_the_sweeper(
     sweeper: str, params: str
 ) -> None:
     words = [f"hydra/sweeper={sweeper}", f"hydra.sweeper.params={params}", "loss.gamma=0,2"]
-    with pytest.raises(ConfigError, match=rf"hydra\.sweeper\.params: {params} is no mapping"):
+    with pytest.raises(ConfigError, match=rf"hydra\.sweeper\.params: {params}, but it holds"):
         with_winners(multirun(words))
 
 

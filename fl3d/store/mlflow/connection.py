@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from fl3d.core.errors import StoreDown, StoreError
 from fl3d.store.mlflow.condition import damage, shown
 
 PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
+READ_OTHERWISE = re.compile(r"\?|%[0-9A-Fa-f]{2}")  # in a path that is part of a URL
 UNWRITABLE = ("database or disk is full", "attempt to write a readonly database")  # SQLite's
 CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
 PASSING = (
@@ -47,10 +49,10 @@ def file_url(root: Path) -> str:
     Raises:
         StoreError: the folder's name has a letter that a URL reads otherwise, and so another file would be opened.
     """
-    wrong = [letter for letter in "?%" if letter in str(root)]
+    wrong = READ_OTHERWISE.search(str(root))
     if wrong:
         raise StoreError(
-            f"store.root: {root} has a '{wrong[0]}' in its name, and MLflow finds its database by a URL, which reads "
+            f"store.root: {root} has '{wrong[0]}' in its name, and MLflow finds its database by a URL, which reads "
             "that otherwise; give a folder without ? and %, or a server's store.uri"
         )
     return f"sqlite:///{root / 'mlflow.db'}"
