@@ -9,8 +9,9 @@ from pathlib import Path
 from fl3d.commands.train import report
 from fl3d.commands.words import HELP, parser
 from fl3d.config.compose import compose_config
-from fl3d.config.settings import read_settings
+from fl3d.config.settings import BY_HAND, read_settings
 from fl3d.core.errors import ConfigError
+from fl3d.runs.by_hand import sweep_name
 from fl3d.sweep.imported import Import, find_results, keep, read_list
 from fl3d.sweep.launchers.inline import InlineLauncher
 from fl3d.sweep.prepare import prepare_data
@@ -54,9 +55,14 @@ def run(arguments: list[str]) -> None:
     results = read_list(Path(given.source)) if is_list else find_results(given.source)
     words = ["detector=imported", *given.overrides]
     base = compose_config(words)
+    if (
+        base["sweep"]["name"] == BY_HAND
+    ):  # of another place, or of another factor, it is another sweep
+        words.append(f"sweep.name={sweep_name(words, {given.factor: given.source})}")
+        base = compose_config(words)
     ids = prepare_data(read_settings(base).data).val_ids
     points = Import(results, base, given.factor, given.name, ids).points()
-    prepared = prepare_sweep(Listed(points))
+    prepared = prepare_sweep(Listed(points), words)
     added = keep(prepared, prepared.plan, print)
     print(f"{len(results)} checkpoints of {len(points)} trials; {added} trials are new")
     ran = run_sweep(prepared, InlineLauncher())

@@ -148,6 +148,6 @@ def _texts(sweep: FinishedSweep, key: str, name: str) -> Sequence[str]:
         return [trial.detector, label_of(trial.plan.values.get(DETECTOR, trial.detector))]
     if name not in names:
         raise ConfigError(
-            f"{name}: not what this sweep's trials differ in. {options(name, [*names, SEED])}"
+            f"{name}: not what this sweep's trials differ in. {options(name, dict.fromkeys([*names, SEED]))}"
         )
     return [label_of(trial.plan.values[names[name]])]

@@ -202,4 +202,5 @@ def _labels(asked: Told) -> list[str]:
 
 
 def _shown(plan: FrozenPlan) -> list[str]:
-    return _labels(told(plan.words)) or [trial.level for trial in plan.trials]
+    typed = [f"{key}={','.join(values)}" for key, values in _in_order(plan.words).items()]
+    return typed or [trial.level for trial in plan.trials]

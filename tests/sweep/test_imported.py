@@ -73,6 +73,21 @@ def test_imported_results_are_trials_as_any_and_come_in_once(
     assert {path.name for path in StoreFolder(tmp_path / "runs").stages.iterdir()} == folders
 
 
+def test_two_imports_without_a_name_keep_plans_of_their_own(
+    elsewhere: Path, words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    unnamed = words[1:]
+    bring(str(elsewhere / "{level}" / "seed0" / "epoch_5" / "data"), unnamed)
+    bring(str(elsewhere / "{level}" / "seed1" / "epoch_5" / "data"), unnamed)
+    plans = StoreFolder(tmp_path / "runs").plan_files()
+    names = {path.name.removesuffix("-simulated-tiny.json") for path in plans}
+    assert len(names) == 2
+    said = capsys.readouterr().out
+    assert all(f"sweep.name={name}" in said for name in names)  # "Its words: ..."
+    for name in names:
+        gains.run(["detector=imported", *unnamed, f"sweep.name={name}"])
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
