@@ -30,6 +30,7 @@ from fl3d.sweep.scoreboard import Scoreboard
 from fl3d.sweep.setup import (
     Prepared,
     freeze,
+    left_out,
     machine,
     refuse_several_machines,
     scoreboard,
@@ -83,6 +84,8 @@ def run_sweep(
         refuse_several_machines(store, layout)
         store.open()
         check_start(prepared, say)
+        if narrower := left_out(prepared):
+            say(narrower)
         freeze(prepared, prepared.plan)
         prepared.sweeper.open(prepared.planner.key)
         scores = scoreboard(prepared)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +29,8 @@ from fl3d.sweep.recorder import Subject
 from fl3d.sweep.scoreboard import Scoreboard
 from fl3d.sweep.sweepers.base import Sweeper
 from fl3d.training.command import is_command
+
+NAMED = 3  # trials, of those that an earlier start had
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +146,32 @@ def freeze(prepared: Prepared, plan: Plan) -> None:
     except StoreError:  # the first start, or one of another version
         earlier = set()
     write_plan(path, replace(prepared.planner.frozen(plan, earlier), words=prepared.words))
+
+
+def left_out(prepared: Prepared) -> str:
+    """What to say where the start before had trials that this one has not; empty: it had none.
+
+    A sweeper that adds trials comes to its earlier ones by itself.
+    """
+    if prepared.sweeper.listens:
+        return ""
+    experiment = prepared.settings.experiment
+    try:
+        before = read_plan(prepared.layout.plan(experiment))
+    except StoreError:
+        return ""
+    now = {trial.key for trial in prepared.plan.trials}
+    left = [trial for trial in before.trials if trial.key not in now]
+    if not left:
+        return ""
+    named = ", ".join(f"{one.group} {one.level} seed {one.seed}" for one in left[:NAMED])
+    more = ", ..." if len(left) > NAMED else ""
+    again = f"; to have them back: python -m fl3d -m {shlex.join(before.words)}"
+    count = "1 trial" if len(left) == 1 else f"{len(left)} trials"
+    return (
+        f"The start before had {count} of {experiment} that this one has not ({named}{more}). They stay in the store; "
+        f"tables and verdicts are of this start's{again if before.words else ''}"
+    )
 
 
 def _refuse_other_reading(layout: StoreFolder, plan: Plan) -> None:

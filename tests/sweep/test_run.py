@@ -5,7 +5,7 @@ import os
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -22,7 +22,8 @@ from fl3d.store.opening import open_store
 from fl3d.sweep.launchers.base import Job
 from fl3d.sweep.launchers.inline import InlineLauncher
 from fl3d.sweep.launchers.local import LocalLauncher
-from fl3d.sweep.setup import Prepared, prepare_sweep
+from fl3d.sweep.run import run_sweep
+from fl3d.sweep.setup import Prepared, left_out, prepare_sweep
 from fl3d.sweep.sweepers.base import Advice, Point, Standing, Sweeper, TrialState
 from fl3d.sweep.sweepers.grid import Listed, point_of
 from tests.support import run_small, small_config, small_sweep, train_stages
@@ -83,6 +84,19 @@ def test_what_is_trained_is_logged_and_not_trained_again(sweep: Prepared) -> Non
     for run in store.runs.values():
         assert sorted(run.scores) == [2, 4, 6, 8, 10]
         assert run.files["pictures"] == ["birds_eye.png"]
+
+
+def test_a_start_with_fewer_trials_says_which_it_leaves_out(
+    sweep: Prepared, simulated: Path, tmp_path: Path
+) -> None:
+    run_small(replace(sweep, words=("+sweep=gamma", "data.root=my data")))
+    less = small_sweep(simulated, tmp_path, POINTS[:1], *LONGER)
+    said: list[str] = []
+    run_sweep(less, InlineLauncher(), MemoryStore(less.settings.store.root), said.append)
+    told = next(line for line in said if line.startswith("The start before had 1 trial of"))
+    assert "(VoxelNet 2 seed 0)" in told
+    assert told.endswith("python -m fl3d -m +sweep=gamma 'data.root=my data'")
+    assert left_out(sweep) == ""  # more trials than before
 
 
 def test_a_sweep_that_was_run_can_be_opened(sweep: Prepared) -> None:
