@@ -265,7 +265,7 @@ def open_sweep(
     found = _from_store(settings)
     if found is None:
         found = _from_files(settings, published)
-    return _asked_for(found, asked or {})
+    return asked_for(found, asked or {})
 
 
 def is_stored(settings: Settings, published: Path | None = None) -> bool:
@@ -321,8 +321,12 @@ def _from_files(settings: Settings, published: Path | None) -> FinishedSweep:
     return FinishedSweep(settings=settings, plan=plan, trials=trials, scores=scores, source=file)
 
 
-def _asked_for(sweep: FinishedSweep, asked: Asked) -> FinishedSweep:
-    """The sweep's trials with the values that were asked for, and the baseline beside other levels."""
+def asked_for(sweep: FinishedSweep, asked: Asked) -> FinishedSweep:
+    """The sweep's trials with the values that were asked for, and the baseline beside other levels.
+
+    Raises:
+        StoreError: none of its trials has one of the values.
+    """
     told = [
         key
         for key in asked

@@ -22,6 +22,7 @@ from fl3d.sweep.tree import Apart
 LINE_SECONDS = 30.0  # between lines where there is no terminal
 BAR_SECONDS = 1.0  # between renewals of the bar where there is one
 TRUST_SECONDS = 20.0  # of this run, before its own pace corrects the prediction
+NAMED = 4  # stages that run now
 SHARE = 0.02  # of a sweep's time goes to telling how far it is, at most
 
 
@@ -120,7 +121,9 @@ class Progress:
         stages = [stage for key, stage in plan.stages.items() if key not in ended]
         done = int(sum(self._shares[stage.key] * stage.steps for stage in stages))
         total = sum(stage.steps for stage in stages)
-        names = ", ".join(self._name(stage) for stage in running)
+        names = ", ".join(self._name(stage) for stage in running[:NAMED])
+        if len(running) > NAMED:
+            names += f" and {len(running) - NAMED} more"
         known = all(self.costs.cost(stage).is_known for stage in stages)
         left = tqdm.format_interval(self.seconds_left(plan, ended)) if known else "?"
         if self.lines:

@@ -106,6 +106,18 @@ def test_tables_of_a_sweep_by_hand_come_in_every_form_with_verdicts(
     assert {"seeds", "bev_easy", "3d_hard"} <= set(rows[0])
 
 
+def test_seeds_alone_leave_other_seeds_out_of_every_sweep(started: list[str]) -> None:
+    """As ``make tables SEEDS=2`` says it."""
+    where = [
+        word for word in started if word.startswith(("profile", "store", "results", "data.root"))
+    ]
+    found = tables.sweeps_of([*where, "seed=0,1"])
+    assert len(found) == 2
+    assert all({trial.seed for trial in sweep.trials} == {0} for sweep in found)
+    with pytest.raises(StoreError, match="run here with any of these seeds"):
+        tables.sweeps_of([*where, "seed=7"])
+
+
 @pytest.mark.slow
 def test_tables_without_a_word_show_every_sweep_by_hand(
     started: list[str], capsys: pytest.CaptureFixture[str]

@@ -217,6 +217,8 @@ def test_what_a_command_takes_is_known_once_one_has_run(
     progress = Progress("x", new.layout, costs, 1)
     progress._renew(new.plan, stages, ())
     assert "0/2 steps, ? left: Fake scratch" in capsys.readouterr().err
+    progress._renew(new.plan, stages * 6, ())  # a line stays a line on two hundred slots
+    assert capsys.readouterr().err.endswith("Fake scratch, Fake scratch and 2 more\n")
     assert not costs.cost(stages[0]).is_known
     before = make([["seed=0"]], schedule="from_scratch", run=run)
     run_small(before)
