@@ -32,7 +32,7 @@ from fl3d.sweep.launchers.base import Job, JobState, Launcher
 from fl3d.sweep.setup import Prepared, prepare_sweep
 
 LEVELS = 100  # of each seed
-SLOTS = 1000  # turns of the loop are 0.2 s apart
+SLOTS = 10  # so that there are many turns of the loop
 DATA = ("data.train_frames=4", "data.val_frames=2", "profile=tiny")
 
 

@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -35,6 +36,12 @@ from fl3d.simulator.lidar import scan
 from fl3d.simulator.scene import random_scene
 
 CHUNK = 8  # frames that a worker takes at a time
+TRIES = 3  # to write all frames, where processes are killed
+KILLED = (
+    BrokenProcessPool,
+    EOFError,
+    ConnectionError,
+)  # what a pool says of a killed worker, or server of workers
 FEW = 32  # frames for which starting workers does not pay
 PICTURE_SEED, DETECTIONS_SEED = (
     1,
@@ -106,13 +113,7 @@ def write_folder(folder: Path, settings: Settings, workers: int | None = None) -
         return
     _claim(folder, settings)
     total = settings.train + settings.val
-    missing = [index for index in range(total) if not _label(folder, index).exists()]
-    if missing:
-        done = f", {total - len(missing)} of them are there" if len(missing) < total else ""
-        print(f"simulating {total} frames into {folder}{done}", file=sys.stderr, flush=True)
-    with tqdm(total=total, initial=total - len(missing), unit="frame", disable=None) as bar:
-        for _ in _written(partial(_write_frame, folder, settings), missing, workers):
-            bar.update()
+    _write_frames(folder, settings, total, workers)
     ids = [f"{index:06d}" for index in range(total)]
     splits = {"train": ids[: settings.train], "val": ids[settings.train :], "trainval": ids}
     for name, own in splits.items():
@@ -128,6 +129,30 @@ def write_folder(folder: Path, settings: Settings, workers: int | None = None) -
         write_text(folder / "rgb_detections" / f"rgb_detection_{name}.txt", "".join(lines))
     os.sync()  # once, and not for each of thousands of files
     write_text(folder / "manifest.json", json.dumps(_tell(settings), indent=1) + "\n")
+
+
+def _write_frames(folder: Path, settings: Settings, total: int, workers: int | None) -> None:
+    """Write the frames that are missing.
+
+    Raises:
+        DataError: the processes that write them were killed again and again.
+    """
+    for _ in range(TRIES):
+        missing = [index for index in range(total) if not _label(folder, index).exists()]
+        if missing:
+            done = f", {total - len(missing)} of them are there" if len(missing) < total else ""
+            print(f"simulating {total} frames into {folder}{done}", file=sys.stderr, flush=True)
+        try:
+            with tqdm(total=total, initial=total - len(missing), unit="frame", disable=None) as bar:
+                for _ in _written(partial(_write_frame, folder, settings), missing, workers):
+                    bar.update()
+            return
+        except KILLED:
+            print("A process that simulates was killed.", file=sys.stderr, flush=True)
+    raise DataError(
+        f"processes that simulate were killed {TRIES} times, perhaps for want of memory; the same command goes on",
+        folder,
+    )
 
 
 def _tell(settings: Settings) -> dict[str, int | bool]:

@@ -1,10 +1,14 @@
 """The simulator: reproducible, labelled by KITTI's definitions, readable by the KITTI reader, and like KITTI."""
 
+from collections.abc import Iterator
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import fl3d.simulator.generate as simulator
 from fl3d.core.errors import DataError
 from fl3d.data.kitti import IMAGE_SIZE, KittiFolder
 from fl3d.data.labels import TYPES
@@ -58,6 +62,31 @@ def test_same_settings_same_bytes_whatever_the_workers_and_interruptions(tmp_pat
     write_folder(cut, settings, workers=1)
     assert files(cut) == whole
     assert (cut / "training/label_2/000008.txt").stat().st_mtime_ns == kept
+
+
+@pytest.mark.parametrize("kills", [2, 3])
+def test_a_worker_that_is_killed_costs_what_it_was_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kills: int
+) -> None:
+    """Twice: all frames are there; three times: too often."""
+    write_folder(tmp_path / "whole", Settings(4, 1), workers=1)
+    asked: list[list[int]] = []
+    whole = simulator._written
+
+    def killed(write: Any, indices: list[int], workers: int | None) -> Iterator[None]:
+        asked.append(indices)
+        yield from whole(write, indices[: 5 if len(asked) > kills else 1], 1)
+        if len(asked) <= kills:
+            raise BrokenProcessPool
+
+    monkeypatch.setattr(simulator, "_written", killed)
+    if kills == 3:
+        with pytest.raises(DataError, match=r"killed 3 times.*the same command goes on"):
+            write_folder(tmp_path / "cut", Settings(4, 1))
+    else:
+        write_folder(tmp_path / "cut", Settings(4, 1))
+        assert files(tmp_path / "cut") == files(tmp_path / "whole")
+    assert asked == [[0, 1, 2, 3, 4], [1, 2, 3, 4], [2, 3, 4]]
 
 
 def test_another_seed_gives_other_frames_and_more_frames_begin_with_the_same(

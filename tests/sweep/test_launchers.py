@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -24,6 +25,7 @@ from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import Spec, write_spec
 from fl3d.sweep.checked import check_start
 from fl3d.sweep.launchers.base import JobState, Launcher
+from fl3d.sweep.launchers.local import LocalLauncher
 from fl3d.sweep.setup import Prepared, machine
 from tests.support import run_small, small_sweep
 
@@ -137,6 +139,33 @@ def test_a_killed_stage_resumes_from_its_checkpoint(
     assert kept
     assert len(ran.outcome.trained) == 2
     assert len(folder.steps()) == 40
+
+
+@pytest.mark.parametrize("kills", [2, 3])
+def test_a_server_that_is_killed_as_it_forks_is_started_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kills: int
+) -> None:
+    launcher = LocalLauncher(1)
+    starts: list[int] = []
+
+    class Process:
+        exitcode = None
+
+        def __init__(self, target: object, args: object) -> None:
+            starts.append(0)
+
+        def start(self) -> None:
+            if len(starts) <= kills:
+                raise EOFError("unexpected EOF")
+
+    monkeypatch.setattr(launcher, "_context", SimpleNamespace(Process=Process))
+    monkeypatch.setattr(launcher, "open", lambda: None)
+    if kills == 3:
+        with pytest.raises(StageFailed, match="killed 3 times"):
+            launcher.launch(tmp_path)
+    else:
+        assert launcher.launch(tmp_path).state() is JobState.RUNNING
+    assert len(starts) == 3
 
 
 def test_a_cancelled_stage_ends_and_keeps_its_checkpoints(

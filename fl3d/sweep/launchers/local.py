@@ -15,6 +15,7 @@ from pathlib import Path
 import torch
 
 import fl3d.detectors
+from fl3d.core.errors import StageFailed
 from fl3d.core.interrupts import deaf_children, end_with_parent
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
 
@@ -25,6 +26,7 @@ LAZY = ("torch._inductor", "torch._dynamo")
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 SERVED = ("fl3d.training.stage", "fl3d.sweep.launchers.server")
+SERVER_TRIES = 3  # to start a process, where the server is killed
 SERVER_DIED = 255  # multiprocessing's code for a process whose fork server was killed
 
 
@@ -87,10 +89,24 @@ class LocalLauncher(Launcher):
         taken = {slot for slot, job in self._held.items() if not job.state().is_finished()}
         slot = next(number for number in itertools.count() if number not in taken)
         card = self._cards[slot % len(self._cards)] if self._cards else None
-        process = self._context.Process(target=_work, args=(folder, card))
-        process.start()
-        self._held[slot] = _Process(process)
+        self._held[slot] = _Process(self._started(folder, card))
         return self._held[slot]
+
+    def _started(self, folder: Path, card: str | None) -> mp.process.BaseProcess:
+        """A process of the server's, which is started anew where it is killed in that moment.
+
+        Raises:
+            StageFailed: it was, again and again.
+        """
+        for _ in range(SERVER_TRIES):
+            process = self._context.Process(target=_work, args=(folder, card))
+            with contextlib.suppress(EOFError, ConnectionError):
+                process.start()
+                return process
+            self.open()
+        raise StageFailed(
+            f"{folder}: cannot be started: the server of its processes was killed {SERVER_TRIES} times"
+        )
 
 
 def _cards() -> list[str]:
