@@ -6,12 +6,16 @@ import os
 import shutil
 import sqlite3
 from pathlib import Path
+from typing import NoReturn
 from urllib.parse import quote
 
 import pytest
+import sqlalchemy as sa
 
 from fl3d.core.errors import StoreDown, StoreError, Unwritable
 from fl3d.store.base import RunStatus, Scored
+from fl3d.store.mlflow import connection
+from fl3d.store.mlflow.condition import damage
 from fl3d.store.mlflow.connection import GuardedClient, database_url, reading_url
 from fl3d.store.mlflow.tracking import MlflowStore
 from fl3d.store.opening import open_store
@@ -333,3 +337,32 @@ def test_artifacts_that_cannot_be_copied_name_their_place(
     monkeypatch.setattr(store.client, "log_artifact", full, raising=False)
     with pytest.raises(Unwritable, match=rf"^{store.root}/artifacts: cannot be written \(No space"):
         store.log_files(run, [tmp_path / "a"], "")
+
+
+def test_a_start_that_is_killed_as_tables_are_made_leaves_no_database(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MLflow goes on from none that is half made."""
+
+    class Killed(connection.MlflowClient):
+        def search_experiments(self, *_: object, **__: object) -> NoReturn:
+            super().search_experiments()
+            raise KeyboardInterrupt
+
+    store = MlflowStore(tmp_path)
+    assert store.file is not None
+    with monkeypatch.context() as patch:
+        patch.setattr(connection, "MlflowClient", Killed)
+        with pytest.raises(KeyboardInterrupt):
+            store.open()
+    assert not store.file.exists()
+    store.open()
+    assert store.experiment("sweep", "") == "1"
+
+
+def test_a_database_that_was_left_in_the_making_is_told_with_the_way_out(tmp_path: Path) -> None:
+    """Of older code: what MLflow says where a migration was cut off."""
+    said = sqlite3.OperationalError("table _alembic_tmp_experiments already exists")
+    found = damage(sa.exc.OperationalError("CREATE TABLE", {}, said), MlflowStore(tmp_path).uri)
+    assert "mlflow.db: not a whole database" in str(found)
+    assert "move it away" in str(found)

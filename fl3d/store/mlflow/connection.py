@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -125,6 +126,18 @@ def _refuse_unwritable(error: Exception) -> None:
                 f"MLflow's database cannot be written ({words}); what is there is kept: mend that, and the same "
                 "command goes on from it"
             ) from error
+
+
+def make_whole(file: Path) -> None:
+    """Make a database that is not there, aside, and put it in place whole.
+
+    MLflow makes its tables in some forty steps; a process that is killed between two leaves what none can go on from.
+    """
+    if file.exists() and file.stat().st_size:
+        return
+    aside = file.with_name(f".{file.name}.{uuid.uuid4().hex}.tmp")
+    MlflowClient(f"sqlite:///{aside}").search_experiments(max_results=1)
+    aside.replace(file)
 
 
 def reading_url(uri: str) -> str:

@@ -18,6 +18,7 @@ from fl3d.store.mlflow.connection import (  # before MLflow: it sets its environ
     GuardedClient,
     database_url,
     file_url,
+    make_whole,
     outages,
 )
 
@@ -152,8 +153,10 @@ class MlflowStore(Store):
         elif self.file is not None:
             with (
                 leased(self.file.with_name(f".{self.file.name}.lease")),
-                sa.create_engine(self.uri).connect() as connection,
+                contextlib.ExitStack() as stack,
             ):
+                make_whole(self.file)
+                connection = stack.enter_context(sa.create_engine(self.uri).connect())
                 check_owner(connection, self.uri)
                 connection.commit()  # a reader's lock would keep the mode from changing
                 connection.execute(sa.text("PRAGMA journal_mode=WAL"))
