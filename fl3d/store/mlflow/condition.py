@@ -12,7 +12,7 @@ from fl3d.core.errors import StoreError
 
 # What SQLite says of a file that is no database, or no longer one.
 DAMAGED = ("file is not a database", "database disk image is malformed")
-# What it says of one that lacks what MLflow made, or was left in the making: OperationalErrors, though they do not pass.
+# What it says of one that lacks what MLflow made, or was left half made: OperationalErrors, though they do not pass.
 INCOMPLETE = ("no such table", "no such column", "table _alembic_tmp")
 REVISIONS = Path(mlflow.__file__).parent / "store" / "db_migrations" / "versions"
 AWAY = "move it away (with its -wal and -shm, if any)"
