@@ -160,6 +160,7 @@ def test_a_server_that_is_killed_as_it_forks_is_started_anew(
 
     monkeypatch.setattr(launcher, "_context", SimpleNamespace(Process=Process))
     monkeypatch.setattr(launcher, "open", lambda: None)
+    monkeypatch.setattr("fl3d.sweep.launchers.local.SERVER_SECONDS", 0.0)
     if kills == 3:
         with pytest.raises(StageFailed, match="killed 3 times"):
             launcher.launch(tmp_path)

@@ -9,6 +9,7 @@ import os
 import pkgutil
 import signal
 import sys
+import time
 from multiprocessing import forkserver
 from pathlib import Path
 
@@ -27,6 +28,9 @@ THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_
 
 SERVED = ("fl3d.training.stage", "fl3d.sweep.launchers.server")
 SERVER_TRIES = 3  # to start a process, where the server is killed
+SERVER_SECONDS = (
+    1.0  # until a server that was killed is gone: one that is going still takes connections
+)
 SERVER_DIED = 255  # multiprocessing's code for a process whose fork server was killed
 
 
@@ -103,6 +107,7 @@ class LocalLauncher(Launcher):
             with contextlib.suppress(EOFError, ConnectionError):
                 process.start()
                 return process
+            time.sleep(SERVER_SECONDS)
             self.open()
         raise StageFailed(
             f"{folder}: cannot be started: the server of its processes was killed {SERVER_TRIES} times"
