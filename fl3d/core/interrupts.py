@@ -102,6 +102,7 @@ def heard() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        _LISTENER.heard.clear()  # a sweep that a notebook runs afterwards has heard nothing
         if _LISTENER.may_leave:
             _LISTENER.at_once = ""
 
