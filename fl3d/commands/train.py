@@ -76,6 +76,13 @@ def run(arguments: list[str]) -> None:
         task()
     except HYDRAS as error:
         raise ConfigError(hydra_says(error)) from None
+    except RuntimeError as error:
+        if not str(error).startswith("Invalid plugin"):
+            raise
+        raise ConfigError(
+            f"hydra.sweeper._target_, hydra.launcher._target_: {error}; choose them by hydra/sweeper=NAME and "
+            "hydra/launcher=NAME"
+        ) from None
     except SystemExit as error:
         # Hydra says that there is no such package, and ends as if a job had failed.
         error.code = SLIP if line.is_look and error.code == 1 else error.code

@@ -193,8 +193,11 @@ def command_of(section: Mapping[str, Any]) -> Command:
             raise ConfigError(
                 f"detector.{key}: not given; conf/detector/command.yaml says what it is"
             )
-    lines = {key: _as_line(own.get(key)) for key in ("run", "from_parent", "resume")}
-    env = {name: value_text(value) for name, value in (own.get("env") or {}).items()}
+    lines = {key: _as_line(own.get(key), key) for key in ("run", "from_parent", "resume")}
+    given = own.get("env") or {}
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"detector.env: {given}, but it holds variables by name")
+    env = {name: value_text(value) for name, value in given.items()}
     command = Command(**{**own, **lines, "env": env})
     for key in ("from_parent", "resume"):
         if isinstance(lines[key], str) and not isinstance(command.run, str):
@@ -204,9 +207,13 @@ def command_of(section: Mapping[str, Any]) -> Command:
     return command
 
 
-def _as_line(value: Any) -> Line:
+def _as_line(value: Any, key: str) -> Line:
     if value is None or isinstance(value, str):
         return value or ()
+    if not isinstance(value, Sequence):
+        raise ConfigError(
+            f"detector.{key}: {value}, but it is a list of arguments, or a line for bash"
+        )
     return [value_text(item) for item in value]
 
 

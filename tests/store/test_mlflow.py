@@ -339,6 +339,14 @@ def test_artifacts_that_cannot_be_copied_name_their_place(
         store.log_files(run, [tmp_path / "a"], "")
 
 
+def test_a_driver_that_is_not_installed_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(StoreError, match=r"//me@h/db.*: needs .* pip install 'fl3d\[postgres\]'"):
+        MlflowStore(tmp_path, "postgresql://me@h/db").open()
+
+
 def test_a_start_that_is_killed_as_tables_are_made_leaves_no_database(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -160,6 +160,8 @@ def test_another_program_is_another_stage(make: Make, tmp_path: Path) -> None:
             {"run": "echo ${{HOME}}"},
             r"detector.run: .*write \\\$\{ where .* and \\\$\{\{NAME\}\} for",
         ),
+        ({"run": 3}, "detector.run: 3, but it is a list"),
+        ({"env": "A=1"}, "detector.env: A=1, but it holds"),
         ({"progress": "epoch (.)"}, "has no group named epoch"),
         ({"results_folder": "x"}, "results_folder: no key of a command. Did you mean 'results'"),
         (

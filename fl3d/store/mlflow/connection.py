@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import re
 import uuid
@@ -42,6 +43,16 @@ def database_url(uri: str) -> str:
     if uri.startswith("postgresql://"):  # SQLAlchemy's own choice is another driver
         uri = uri.replace("postgresql://", "postgresql+psycopg2://", 1)
     return uri + PATIENCE if uri.startswith("postgresql+psycopg2://") and "?" not in uri else uri
+
+
+def check_driver(uri: str) -> None:
+    """Refuse PostgreSQL where its driver is not installed.
+
+    Raises:
+        StoreError: saying how it is.
+    """
+    if uri.startswith("postgresql") and importlib.util.find_spec("psycopg2") is None:
+        raise StoreError(f"{shown(uri)}: needs PostgreSQL's driver: pip install 'fl3d[postgres]'")
 
 
 def file_url(root: Path) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 
 from fl3d.store.mlflow.connection import (  # before MLflow: it sets its environment
     GuardedClient,
+    check_driver,
     database_url,
     file_url,
     make_whole,
@@ -109,6 +110,7 @@ class MlflowStore(Store):
             Unwritable: it is a file in a folder that cannot be written.
             StoreError: it is damaged, another program's, or of another version of MLflow.
         """
+        check_driver(self.uri)
         if self.file is not None:
             check_writable(self.file.parent)
         logging.getLogger("mlflow.store.db.utils").setLevel(
