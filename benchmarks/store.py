@@ -24,6 +24,7 @@ import numpy as np
 
 from fl3d.config.compose import compose_config
 from fl3d.config.settings import Settings, read_settings
+from fl3d.core.nested import leaves
 from fl3d.core.records import Config
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
 from fl3d.papers.results import make_tables
@@ -32,7 +33,7 @@ from fl3d.runs.layout import StoreFolder
 from fl3d.runs.plans import FrozenPlan, FrozenTrial, write_plan
 from fl3d.runs.spec import write_done
 from fl3d.store.mlflow.tracking import PROTOCOL_TAG, STORE_TAG, TRIAL_TAG, MlflowStore
-from fl3d.sweep.identity import leaves, result_config
+from fl3d.sweep.identity import result_config
 
 APS = [
     f"ap_{metric}{average}/{level}"

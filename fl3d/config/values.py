@@ -20,6 +20,7 @@ from fl3d.config.rules import (
     Rule,
 )
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.nested import has_key, leaves, value_at
 from fl3d.core.records import Config
 from fl3d.evaluation.protocol import Protocol
 
@@ -37,17 +38,18 @@ def check_values(config: Config, raw: Any) -> None:
         ConfigError: naming the key, and what it may be.
     """
     for name in SECTIONS:
-        found = _at(config, name)
-        if not isinstance(found, Mapping) and not (name == "data.cloud" and found is ABSENT):
-            what = "is not there" if found is ABSENT else f"'{_text(found)}'"
+        is_there = has_key(config, name)
+        found = value_at(config, name) if is_there else None
+        if not isinstance(found, Mapping) and (is_there or name != "data.cloud"):
+            what = f"'{_text(found)}'" if is_there else "is not there"
             raise ConfigError(f"{name}: {what}, but it is a section of keys")
     names = names_in(raw)
-    for key, value in _leaves(config):
+    for key, value in leaves(config):
         _check(key, value, names)
     _check_optimizer(config)
     for key in RULES:
         is_needed = "*" not in key and not any(fnmatchcase(key, one) for one in OPTIONAL)
-        if is_needed and _at(config, key) is ABSENT and not _is_within_null(config, key):
+        if is_needed and not has_key(config, key) and not _is_within_null(config, key):
             raise ConfigError(f"{key}: is not there, and fl3d reads it")
 
 
@@ -62,7 +64,7 @@ def check_value(key: str, config: Config, names: set[str]) -> None:
     Raises:
         ConfigError: naming the key, and what it may be.
     """
-    _check(key, _at(config, key), names)
+    _check(key, value_at(config, key), names)
     _check_optimizer(config)
 
 
@@ -144,7 +146,7 @@ def _check_finite(key: str, value: Any) -> None:
         if isinstance(item, list):
             _check_finite(key, item)
         elif isinstance(item, Mapping):
-            for name, inner in _leaves(item):
+            for name, inner in leaves(item):
                 _check_finite(f"{key}.{name}", inner)
         elif isinstance(item, float) and not math.isfinite(item):
             raise ConfigError(f"{key}: {item} is not a finite number")
@@ -204,31 +206,8 @@ def _names_in(raw: Any) -> Iterator[str]:
             yield from re.findall(r"[\w.]+", inside)
 
 
-class _Absent:
-    """Stands where a key is not there."""
-
-
-ABSENT = _Absent()
-
-
-def _at(config: Mapping[str, Any], key: str) -> Any:
-    node: Any = config
-    for part in key.split("."):
-        if not isinstance(node, Mapping) or part not in node:
-            return ABSENT
-        node = node[part]
-    return node
-
-
 def _is_within_null(config: Mapping[str, Any], key: str) -> bool:
     """Whether a section above the key is null, and may be."""
-    return _rule(key.rpartition(".")[0]) is SECTION and _at(config, key.rpartition(".")[0]) is None
-
-
-def _leaves(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in config.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping) and value:
-            yield from _leaves(value, f"{name}.")
-        else:
-            yield name, value
+    section = key.rpartition(".")[0]
+    is_null = has_key(config, section) and value_at(config, section) is None
+    return is_null and _rule(section) is SECTION

@@ -17,6 +17,7 @@ from fl3d.runs.plans import named_stages
 from fl3d.runs.retention import superfluous_weights
 
 SHOWN = 5  # files of a kind that are named
+UPLOADING = ".artifact.uploading.*"  # what MLflow writes beside an artifact, and then renames
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ def _find_weights(run: RunFolder, keep_every: int | None, found: Findings) -> No
 
 def _temporary(layout: StoreFolder) -> Iterator[Waste]:
     programs = [run.work for run in layout.runs()]
-    for path in sorted(layout.root.rglob(TEMPORARY)):
+    for path in sorted(one for name in (TEMPORARY, UPLOADING) for one in layout.root.rglob(name)):
         is_ours = not any(path.is_relative_to(work) for work in programs)
         if is_ours and is_old_temporary(path):
             yield Waste("temporary files of processes that were killed", path)

@@ -8,9 +8,10 @@ from dataclasses import replace
 from fl3d.config.compose import Multirun
 from fl3d.config.objects import locate
 from fl3d.config.settings import BY_HAND
+from fl3d.core.nested import leaves
 from fl3d.core.records import Config
 from fl3d.runs.by_hand import sweep_name, trial_name
-from fl3d.sweep.identity import leaves, result_config
+from fl3d.sweep.identity import result_config
 
 DATA = ("name", "seed", "train_split", "val_split", "train_frames", "val_frames")
 

@@ -11,10 +11,10 @@ from fl3d.config.places import own_base
 from fl3d.config.settings import read_stage_settings
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError
+from fl3d.core.nested import leaves
 from fl3d.core.records import Config, Stage
 from fl3d.detectors.base import Detector
 from fl3d.inference.precision import check_precision
-from fl3d.sweep.identity import leaves
 from fl3d.sweep.networks import Networks
 from fl3d.sweep.plan import DataInfo, DetectorInfo
 from fl3d.training.command import Command, command_of, is_command

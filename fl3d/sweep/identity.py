@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from functools import cache
 from typing import Any
 
+from fl3d.core.nested import has_key, leaves, value_at
 from fl3d.core.records import Config
 from fl3d.training.command import (
     command_of,
@@ -79,16 +80,6 @@ FRAMES = ("data.crop", "data.calibration", "data.cloud.*", "data.image_size")
 COMMAND_RESULT = ("detector.*", "schedule.stages.*", *FRAMES)
 
 
-def leaves(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and values of a nested config; an empty mapping is a leaf."""
-    for key, value in config.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping) and value:
-            yield from leaves(value, f"{name}.")
-        else:
-            yield name, value
-
-
 @cache  # a sweep of 10,000 trials asks for the same few keys
 def matches(key: str, patterns: tuple[str, ...]) -> bool:
     """Whether a dotted key is named by any of the patterns."""
@@ -140,24 +131,6 @@ def of_command_stage(config: Config, whole: Config, has_parent: bool) -> Config:
     # What is added where there is a parent is nothing to a stage that has none.
     own = {"places": places} if has_parent else {"places": places, "from_parent": []}
     return {**kept, "detector": {**config["detector"], **own}}
-
-
-def has_key(config: Mapping[str, Any], name: str) -> bool:
-    """Whether a nested config has a dotted key."""
-    node: Any = config
-    for part in name.split("."):
-        if not isinstance(node, Mapping) or part not in node:
-            return False
-        node = node[part]
-    return True
-
-
-def value_at(config: Mapping[str, Any], name: str) -> Any:
-    """The value, or the section, at a dotted key that is there."""
-    node: Any = config
-    for part in name.split("."):
-        node = node[part]
-    return node
 
 
 def hashed(config: Config) -> Config:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from fl3d.config.settings import Settings
 from fl3d.core.errors import ConfigError
+from fl3d.core.nested import leaves
 from fl3d.core.records import Config, Stage, Trial
 from fl3d.runs.design import (
     Design,
@@ -17,7 +18,7 @@ from fl3d.runs.design import (
 )
 from fl3d.runs.plans import FrozenPlan, freeze
 from fl3d.sweep.detectors import planned
-from fl3d.sweep.identity import leaves, result_config
+from fl3d.sweep.identity import result_config
 from fl3d.sweep.plan import DataInfo, Plan, check_names, trial_stages
 from fl3d.sweep.sweepers.base import Point
 

@@ -12,13 +12,14 @@ from pathlib import Path
 import pandas as pd
 
 from fl3d.core.errors import CheckpointError, DataError, StoreDown, StoreError
+from fl3d.core.nested import leaves
 from fl3d.core.records import Trial
 from fl3d.evaluation.selection import MEAN_3D, RULES, select
 from fl3d.runs.checkpoints import load_state, read_marker, save_state
 from fl3d.runs.design import level_text
 from fl3d.runs.layout import RunFolder
 from fl3d.store.base import RunStatus, Scored, Store
-from fl3d.sweep.identity import leaves, result_config
+from fl3d.sweep.identity import result_config
 from fl3d.sweep.scoreboard import Scoreboard
 from fl3d.sweep.sweepers.base import Standing, TrialState
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
+from fl3d.core.nested import leaves
 from fl3d.core.records import Stage
-from fl3d.sweep.identity import leaves
 from fl3d.sweep.plan import Plan
 
 

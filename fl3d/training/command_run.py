@@ -32,6 +32,8 @@ from fl3d.training.result_folders import (
     is_complete,
     last_by_number,
     last_changed,
+    newest_besides,
+    put_aside,
     refuse_surplus,
 )
 from fl3d.training.running import StageRun
@@ -252,7 +254,12 @@ class CommandRun(StageRun):
         return min(max(scored, self.output.epochs), self.stage.steps)
 
     def _put_aside(self, exits: list[Exit]) -> None:
-        """Rename result folders that an interrupted start may have left half written."""
+        """Rename result folders that an interrupted start may have left half written.
+
+        Whole are those with a file for each frame of which none had changed for a while when it ended, or behind which
+        the program had written something else, such as its own checkpoint: it may go on behind that epoch, and never
+        write its results again.
+        """
         log = self.folder.command_log
         if not log.exists():
             return
@@ -261,9 +268,11 @@ class CommandRun(StageRun):
             if self.folder.marker(self.stage.start_step + epoch).exists():
                 continue
             files = fingerprint(path)
-            has_settled = ended - last_changed(files) > self.command.settle_seconds
-            if not (is_complete(files, self.machine.val_ids) and has_settled):
-                path.rename(path.with_name(f"{path.name}.unfinished-{int(time.time())}"))
+            changed = last_changed(files)
+            has_settled = ended - changed > self.command.settle_seconds
+            is_written = has_settled or newest_besides(path, self.folder.work) >= changed
+            if not (is_complete(files, self.machine.val_ids) and is_written):
+                put_aside(path)
 
     def _check_exit(self, exits: list[Exit]) -> None:
         """Refuse a command that did not end well.

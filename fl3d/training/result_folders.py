@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import os
 import re
@@ -15,6 +16,7 @@ from fl3d.core.errors import DataError
 from fl3d.training.templates import fill_text, value_text
 
 SHOWN = 12  # names in an error
+ASIDE = ".unfinished-"  # in the name of a result folder that was put aside
 _EPOCH = "\0"  # stands for the number while a pattern is taken apart
 
 Print = tuple[tuple[str, int, int], ...]  # name, size and time of each file of a folder
@@ -182,6 +184,28 @@ def fingerprint(folder: Path) -> Print:
 def last_changed(files: Print) -> float:
     """When the last of some files was written: seconds since 1970."""
     return max((time for _, _, time in files), default=0) / 1e9
+
+
+def newest_besides(folder: Path, root: Path) -> float:
+    """When the last file that is none of a result folder's was written: seconds since 1970.
+
+    Args:
+        folder: of results; what was put aside counts as little as it does.
+        root: below which files are looked for.
+    """
+    newest = 0
+    for place, folders, files in os.walk(root):
+        kept = [name for name in folders if ASIDE not in name and Path(place, name) != folder]
+        folders[:] = kept
+        for name in files:
+            with contextlib.suppress(FileNotFoundError):  # a temporary one
+                newest = max(newest, Path(place, name).stat().st_mtime_ns)
+    return newest / 1e9
+
+
+def put_aside(folder: Path) -> None:
+    """Rename a result folder, so that the program's own are alone."""
+    folder.rename(folder.with_name(f"{folder.name}{ASIDE}{int(time.time())}"))
 
 
 def last_by_number(pattern: str, root: Path) -> Path | None:

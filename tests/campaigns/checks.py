@@ -7,6 +7,9 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from fl3d.core.files import TEMPORARY
+from fl3d.runs.cleaning import UPLOADING
+
 NOISE = ("-wal", "-shm", ".lease", ".guard", ".log", "uncommitted.patch")  # come and go
 MOST = 5  # faults of a kind that are told
 
@@ -89,7 +92,7 @@ def left_over(root: Path, whole: Path) -> list[str]:
     known = {_kind(path, whole) for path in whole.rglob("*")}
     found = []
     for path in root.rglob("*"):
-        is_temporary = path.name.startswith(".") and path.name.endswith(".tmp")
+        is_temporary = path.match(TEMPORARY) or path.match(UPLOADING)
         is_known = is_temporary or path.name.endswith(NOISE) or _kind(path, root) in known
         if path.is_file() and not is_known:
             found.append(f"{path.relative_to(root)} is left over")

@@ -10,7 +10,7 @@ from fl3d.config.hydra_app import composed, hydra_session
 from fl3d.config.overrides import parse
 from fl3d.config.shared import Shared
 from fl3d.core.errors import ConfigError
-from fl3d.sweep.identity import leaves
+from fl3d.core.nested import leaves
 
 WORDS = ["detector=voxelnet", "data=simulated", "profile=tiny"]
 

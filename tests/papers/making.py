@@ -12,6 +12,7 @@ from fl3d.config.compose import Multirun, multirun
 from fl3d.config.objects import locate
 from fl3d.config.overrides import values_by_key
 from fl3d.config.settings import read_settings
+from fl3d.core.nested import leaves
 from fl3d.core.records import Config
 from fl3d.evaluation.protocol import METRIC_NAMES
 from fl3d.reports.table import AP_COLUMNS
@@ -23,7 +24,7 @@ from fl3d.runs.scores import tidy
 from fl3d.runs.spec import write_done
 from fl3d.store.base import Scored
 from fl3d.store.opening import open_store
-from fl3d.sweep.identity import leaves, result_config
+from fl3d.sweep.identity import result_config
 
 NOWHERE = Path("nowhere")
 Aps = Mapping[str, float]

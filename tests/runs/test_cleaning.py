@@ -117,6 +117,18 @@ def test_clean_shows_before_it_deletes(layout: StoreFolder) -> None:
     assert said[-1].endswith("there is nothing to delete")
 
 
+def test_a_copy_that_mlflow_was_making_is_a_temporary_file(layout: StoreFolder) -> None:
+    """In the artifacts of a run, where a kill has left it."""
+    stray = layout.root / "artifacts" / "gamma" / ".artifact.uploading.cpvi8n2y"
+    stray.parent.mkdir(parents=True)
+    stray.touch()
+    clean(layout.root, None, delete=True, orphans=False, say=lambda line: None)
+    assert stray.exists()  # it may be in the making
+    os.utime(stray, (0, 0))
+    clean(layout.root, None, delete=True, orphans=False, say=lambda line: None)
+    assert not stray.exists()
+
+
 def test_every_kth_epoch_keeps_its_weights(layout: StoreFolder) -> None:
     clean(layout.root, 2, delete=True, orphans=False, say=lambda line: None)
     assert kept_weights(layout, "mine") == [2, 4, 5]

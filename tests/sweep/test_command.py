@@ -434,17 +434,34 @@ def test_a_program_that_changes_while_it_runs_is_refused(make: Make, tmp_path: P
         run_small(sweep)
 
 
-def test_what_an_interrupted_start_left_half_written_is_put_aside(make: Make) -> None:
-    """The program goes on from its checkpoint, and never writes the earlier epoch's results again."""
+def test_results_behind_which_a_program_went_on_are_whole(make: Make) -> None:
+    """It goes on from the checkpoint that it saved after them, and never writes them again."""
     sweep = make([["seed=0"]], schedule="from_scratch", run=[*RUN, "--fail-after=1"])
     folder = only(sweep)
     with pytest.raises(StageFailed):
         run_small(sweep)
-    results = folder.work / "results" / "epoch_1" / "data"
     assert not folder.steps()  # the program had ended with code 3, within the settling time
     run_small(make([["seed=0"]], schedule="from_scratch", run=[*RUN, "--fail-after=1"]))
-    assert folder.steps() == [2]
-    assert not results.exists()
+    assert folder.steps() == [1, 2]
+    assert not list(folder.work.rglob("*.unfinished-*"))
+
+
+def test_what_an_interrupted_start_may_have_left_half_written_is_put_aside(make: Make) -> None:
+    """The last file is the newest of all: the program had nothing behind it, and writes all of them again."""
+    sweep = make([["seed=0"]], schedule="from_scratch", run=[*RUN, "--fail-after=1"])
+    folder = only(sweep)
+    with pytest.raises(StageFailed):
+        run_small(sweep)
+    (folder.work / "last.json").unlink()  # as if it was killed before it had saved that
+    results = folder.work / "results" / "epoch_1" / "data"
+    last = sorted(results.glob("*.txt"))[-1]
+    whole = last.read_text()
+    last.write_text(whole[: len(whole) // 2])
+    with pytest.raises(StageFailed):  # after epoch 1 once more
+        run_small(make([["seed=0"]], schedule="from_scratch", run=[*RUN, "--fail-after=1"]))
+    run_small(make([["seed=0"]], schedule="from_scratch", run=[*RUN, "--fail-after=1"]))
+    assert folder.steps() == [1, 2]
+    assert last.read_text() == whole
     assert len(list(results.parent.glob("data.unfinished-*"))) == 1
 
 

@@ -142,7 +142,7 @@ def _refuse_unwritable(error: Exception) -> None:
 def make_whole(file: Path) -> None:
     """Make a database that is not there, aside, and put it in place whole.
 
-    MLflow makes its tables in some forty steps; a process that is killed between two leaves what none can go on from.
+    MLflow makes its tables by many migrations; a process that is killed between two leaves what none can go on from.
     """
     if file.exists() and file.stat().st_size:
         return

@@ -28,9 +28,7 @@ THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_
 
 SERVED = ("fl3d.training.stage", "fl3d.sweep.launchers.server")
 SERVER_TRIES = 3  # to start a process, where the server is killed
-SERVER_SECONDS = (
-    1.0  # until a server that was killed is gone: one that is going still takes connections
-)
+SERVER_SECONDS = 1.0  # between tries: three at once have met one server that had just been killed
 SERVER_DIED = 255  # multiprocessing's code for a process whose fork server was killed
 
 

@@ -12,8 +12,8 @@ from hydra.core.override_parser.types import Override
 
 from fl3d.config.overrides import chooses_group, parse, plain_values, same_key, typed_words
 from fl3d.core.errors import ConfigError
+from fl3d.core.nested import has_key, value_at
 from fl3d.core.records import Config
-from fl3d.sweep.identity import has_key, value_at
 from fl3d.sweep.sweepers.base import Compose, Point, Sweeper
 
 MOST_POINTS = 100_000  # of a grid: more are a slip
