@@ -166,8 +166,9 @@ class Files:
         shutil.rmtree(copy, ignore_errors=True)
         shutil.copytree(self.whole, copy, symlinks=True)
         path = case.spoil(copy)
-        stage = str(next((copy / "runs" / "stages").glob("*focal*")))
-        words = [word.replace("COPY", str(copy)).replace("STAGE", stage) for word in case.words]
+        words = [
+            word.replace("COPY", str(copy)).replace("SPOILT", str(path)) for word in case.words
+        ]
         names = (path.name, path.stem, *case.names)
         name = f"file {case.name}"
         return judge(Case(name, words, names, case.codes), self.work, found)

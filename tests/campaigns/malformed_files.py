@@ -383,6 +383,6 @@ FILES: list[Spoilt] = [
     Spoilt(
         "weights, torn: predict",
         _torn("runs/stages/*focal*/checkpoints/*.pt"),
-        ["predict", "STAGE", "COPY/data", "--out", "COPY/out"],
+        ["predict", "SPOILT", "COPY/data", "--out", "COPY/out"],
     ),
 ]

@@ -364,8 +364,11 @@ def test_a_start_that_is_killed_as_tables_are_made_leaves_no_database(
         with pytest.raises(KeyboardInterrupt):
             store.open()
     assert not store.file.exists()
+    (aside,) = tmp_path.glob(".mlflow.db.*.tmp")
+    aside.with_name(f"{aside.name}-journal").touch()
     store.open()
     assert store.experiment("sweep", "") == "1"
+    assert not list(tmp_path.glob("*.tmp*"))
 
 
 def test_a_database_that_was_left_in_the_making_is_told_with_the_way_out(tmp_path: Path) -> None:

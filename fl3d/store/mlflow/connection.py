@@ -140,10 +140,14 @@ def _refuse_unwritable(error: Exception) -> None:
 
 
 def make_whole(file: Path) -> None:
-    """Make a database that is not there, aside, and put it in place whole.
+    """Make a database that is not there, aside, and put it in place whole; one process at a time.
 
     MLflow makes its tables by many migrations; a process that is killed between two leaves what none can go on from.
     """
+    for left in file.parent.glob(
+        f".{file.name}.*.tmp*"
+    ):  # by one that was killed, with SQLite's own beside it
+        left.unlink()
     if file.exists() and file.stat().st_size:
         return
     aside = file.with_name(f".{file.name}.{uuid.uuid4().hex}.tmp")
