@@ -115,6 +115,21 @@ def write(root: Path, uri: str, number: int) -> None:
         store.end(run, RunStatus.DONE)
 
 
+def test_the_artifacts_of_a_store_that_was_moved_are_found(database: str, tmp_path: Path) -> None:
+    """MLflow keeps their absolute paths in the database. Two stores are open in one process."""
+    before = MlflowStore(tmp_path / "before", database)
+    before.open()
+    run = before.run(before.experiment("moved", ""), "trial-a", "paper", "a", {}, {})
+    (tmp_path / "table.md").write_text("| a |")
+    before.log_files(run, [tmp_path / "table.md"], "tables")
+    after = MlflowStore(before.root.rename(tmp_path / "after"), database)
+    after.open()
+    folder = after.root / "artifacts" / "moved" / run / "artifacts"
+    assert rows(database, "SELECT artifact_uri FROM runs") == [(folder.as_uri(),)]
+    found = after.client.download_artifacts(run, "tables/table.md")
+    assert Path(found).read_text() == "| a |"
+
+
 def test_eight_writers_lose_and_double_nothing(database: str, tmp_path: Path) -> None:
     """They start together on an empty database, as the tasks of a cluster do."""
     context = mp.get_context("spawn")

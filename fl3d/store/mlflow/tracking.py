@@ -148,7 +148,8 @@ class MlflowStore(Store):
             a connection to its database; None of a server.
         """
         if self.uri.startswith("postgresql"):
-            with sa.create_engine(self.uri).connect() as connection:
+            # The lock is the session's: a pool would keep both.
+            with sa.create_engine(self.uri, poolclass=sa.NullPool).connect() as connection:
                 connection.execute(sa.text(f"SELECT pg_advisory_lock({SCHEMA_LOCK})"))
                 check_owner(connection, self.uri)
                 yield connection
