@@ -47,6 +47,7 @@ class Trial:
         self.part, self.shared, self.work = part, shared, work
         self.rng, self.found = rng, found
         self.kills: Counter[tuple[str, str]] = Counter()  # phase, victim
+        self.missed: Counter[str] = Counter()  # phases that were waited for and did not come
         self.ended = 0  # sweeps that came to their end
         self.failed: Counter[str] = Counter()  # starts that ended with an error, by what they said
         self.server = Server(work / "mlflow") if part.server else None
@@ -100,7 +101,7 @@ class Trial:
         """Wait for a phase that had few kills, and kill."""
         aims = [one for one in self.part.aims if self._is_fresh or one not in FIRST]
         self._is_fresh = False
-        had = Counter({phase: 0 for phase in aims})
+        had = Counter({phase: self.missed[phase] for phase in aims})
         for (phase, _), number in self.kills.items():
             had[phase] += number
         fewest = min(had[phase] for phase in aims)
@@ -111,6 +112,7 @@ class Trial:
                 break
             time.sleep(0.003)
         if not start.is_running:
+            self.missed[aim] += 1
             return
         time.sleep(self.rng.uniform(0, WITHIN.get(aim, SHORT)))
         now = phases(self.work, start.began)
