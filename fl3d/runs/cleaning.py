@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from fl3d.core.errors import StoreError
 from fl3d.core.files import TEMPORARY, is_old_temporary
-from fl3d.core.leases import living
+from fl3d.core.leases import holder_of, living
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.plans import named_stages
 from fl3d.runs.retention import superfluous_weights
@@ -122,6 +122,7 @@ def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Finding
     for run in idle:
         if run.is_done:
             _find_weights(run, keep_every, found)
+    found.waste += _leases([*layout.leases(), *(run.lease for run in idle)])
     found.waste += _temporary(layout)
     try:
         named = named_stages(layout)
@@ -149,6 +150,13 @@ def _find_weights(run: RunFolder, keep_every: int | None, found: Findings) -> No
         found.waste += [Waste(why, path) for path in superfluous_weights(run, keep_every)]
     except StoreError as error:  # of another version of fl3d
         found.notes.append(f"All its weights are kept: {error}")
+
+
+def _leases(paths: Sequence[Path]) -> Iterator[Waste]:
+    """What killed processes left of what nobody takes again: a stage that is done, a sweep that nobody resumes."""
+    for path in paths:
+        if path.exists() and holder_of(path) is None:
+            yield Waste("leases of processes that were killed", path)
 
 
 def _temporary(layout: StoreFolder) -> Iterator[Waste]:

@@ -10,7 +10,15 @@ from pathlib import Path
 from fl3d.core.files import TEMPORARY
 from fl3d.runs.cleaning import UPLOADING
 
-NOISE = ("-wal", "-shm", ".lease", ".guard", ".log", "uncommitted.patch")  # come and go
+NOISE = (
+    "-wal",
+    "-shm",
+    ".lease",
+    "lease.json",
+    ".guard",
+    ".log",
+    "uncommitted.patch",
+)  # come and go
 MOST = 5  # faults of a kind that are told
 
 

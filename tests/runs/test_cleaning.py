@@ -1,5 +1,6 @@
 """What of a store can be deleted, and what never is."""
 
+import json
 import os
 import time
 from pathlib import Path
@@ -270,3 +271,15 @@ def test_what_a_users_program_wrote_is_its_own(layout: StoreFolder) -> None:
     os.utime(theirs, (old, old))
     clean(layout.root, None, delete=True, orphans=True, say=lambda line: None)
     assert theirs.exists()
+
+
+def test_a_lease_that_a_killed_process_left_at_a_stage_that_is_done_goes(tmp_path: Path) -> None:
+    layout = StoreFolder(tmp_path)
+    run = stored_stage(layout, "done")
+    named_in_a_plan(layout, "gamma", "done")
+    with leased(run.lease):
+        holder = json.loads(run.lease.read_text())
+    run.lease.write_text(json.dumps({**holder, "pid": 2**22 + 1}))  # above the largest there can be
+    clean(tmp_path, None, delete=True, orphans=False, say=lambda _: None)
+    assert not run.lease.exists()
+    assert run.done.exists()
