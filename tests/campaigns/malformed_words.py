@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+# Of what lies somewhere the answer may name the place.
+PLACES = ("data.root", "data.train_split", "store.uri")
+
 
 def _each(key: str, values: list[str], multirun: bool = False, before: str = "") -> list[tuple]:  # type: ignore[type-arg]
     first = ["-m"] if multirun else []
+    last = key.lstrip("+~").rpartition(".")[2]
     return [
-        ([*first, "SMALL", *before.split(), f"{key}={value}"], key.lstrip("+~").rpartition(".")[2])
+        (
+            [*first, "SMALL", *before.split(), f"{key}={value}"],
+            (last, value) if key in PLACES else last,
+        )
         for value in values
     ]
 
