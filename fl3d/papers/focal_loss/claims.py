@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from fl3d.analysis.found import Judged
 from fl3d.analysis.samples import AVERAGES, CELLS, Resampled, Samples, paired
 from fl3d.evaluation.intervals import Sample
-from fl3d.inference.windows import windows_of
+from fl3d.inference.windows import Windows, windows_of
 from fl3d.papers.base import with_values
 from fl3d.papers.focal_loss.best_model_claims import best_claim, step_claims
 from fl3d.papers.focal_loss.claim import Claim, claims_table
+from fl3d.papers.focal_loss.concentration_claims import Carried, carried, concentration_claims
 from fl3d.papers.focal_loss.gain_claims import Gains, GainsByAverage, gain_claims
 from fl3d.papers.focal_loss.network_claims import network_claims
 from fl3d.papers.focal_loss.posterior_claims import (
@@ -46,7 +47,9 @@ def claims_of(sweep: FinishedSweep, judged: Judged | None) -> Table | None:
     gains = {} if judged is None else gains_by_detector(sweep, judged.samples)
     claims = gain_claims(gains, sweep.plan.looks)
     claims += [best_claim(best_pairs(sweep)), *step_claims()]
-    claims += [_half_of_loss(sweep), *_peaks(sweep), *network_claims(sweep)]
+    claims += [_half_of_loss(sweep)]
+    claims += concentration_claims(_carried(sweep, "3D-FCN"), _carried(sweep, "VoxelNet"))
+    claims += [*_peaks(sweep), *network_claims(sweep)]
     return claims_table(claims, NOTES)
 
 
@@ -85,18 +88,31 @@ def _cell(column: str) -> tuple[str, str]:
 
 def _half_of_loss(sweep: FinishedSweep) -> Claim:
     """Of every seed of 3D-FCN's best focal model."""
+    gamma, models = _best_focal(sweep, "3D-FCN")
+    shares = [
+        (hardest_share(one.positive, 0.0), hardest_share(one.positive, gamma)) for one in models
+    ]
+    return half_claim(gamma, shares)
+
+
+def _carried(sweep: FinishedSweep, detector: str) -> list[Carried]:
+    """Of every seed of a detector's best focal model."""
+    return [carried(one.positive, one.negative) for one in _best_focal(sweep, detector)[1]]
+
+
+def _best_focal(sweep: FinishedSweep, detector: str) -> tuple[float, Iterator[Windows]]:
+    """Gamma of a detector's best focal model, and the windows of each of its seeds; none where there is none."""
     pairs = best_pairs(sweep)
-    pairs = pairs[(pairs["detector"] == "3D-FCN") & (pairs["gamma"] > 0)] if len(pairs) else pairs
+    pairs = pairs[(pairs["detector"] == detector) & (pairs["gamma"] > 0)] if len(pairs) else pairs
     if pairs.empty:
-        return half_claim(0.0, [])
+        return 0.0, iter(())
     gamma = float(pairs.iloc[0]["gamma"])
     chosen = with_values(sweep, sweep.select("best"), {"gamma": GAMMA})
-    chosen = chosen[(chosen["detector"] == "3D-FCN") & (chosen["gamma"].astype(float) == gamma)]
-    shares = []
-    for key, step in zip(chosen["trial"], chosen["step"], strict=True):
-        logits = windows_of(sweep, sweep.trial(str(key)).holder(int(step)), int(step)).positive
-        shares.append((hardest_share(logits, 0.0), hardest_share(logits, gamma)))
-    return half_claim(gamma, shares)
+    chosen = chosen[(chosen["detector"] == detector) & (chosen["gamma"].astype(float) == gamma)]
+    return gamma, (
+        windows_of(sweep, sweep.trial(str(key)).holder(int(step)), int(step))
+        for key, step in zip(chosen["trial"], chosen["step"], strict=True)
+    )
 
 
 def _peaks(sweep: FinishedSweep) -> list[Claim]:
