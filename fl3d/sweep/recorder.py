@@ -129,8 +129,8 @@ class Recorder:
                 self.store.log_files(run, files, folder)
         except StoreDown as error:
             self.say(
-                f"The store is down: tables and figures are on disk and not beside the runs; the same command puts them "
-                f"there. {error}"
+                f"The store is down: tables and figures are on disk and not beside the runs; the same command adds "
+                f"them. {error}"
             )
 
     def interrupt(self) -> None:
