@@ -13,6 +13,7 @@ from pathlib import Path
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core import interrupts, streams
 from fl3d.core.errors import (
+    FAULTY,
     FULL,
     ConfigError,
     Fl3dError,
@@ -60,18 +61,6 @@ REFUSALS = (
     errno.EPERM,
     errno.ENOTDIR,
     errno.ENAMETOOLONG,
-)
-# A disk, or the network to it, that has not answered; the same call may go through later.
-FAULTY = (
-    errno.EIO,
-    errno.ESTALE,
-    errno.EAGAIN,
-    errno.EBUSY,
-    errno.ENOLCK,
-    errno.ENOTCONN,
-    errno.ETIMEDOUT,
-    errno.EHOSTDOWN,
-    errno.EREMOTEIO,
 )
 TRAIN = "train"  # what runs where no command is named
 RESUMING = (TRAIN, "import", "simulate", "stage")  # what was interrupted goes on where it was

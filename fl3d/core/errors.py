@@ -20,6 +20,18 @@ from collections.abc import Iterable
 from pathlib import Path
 
 FULL = (errno.ENOSPC, errno.EDQUOT)  # the disk, or one user's part of it
+# A disk, or the network to it, that has not answered; the same call may go through later.
+FAULTY = (
+    errno.EIO,
+    errno.ESTALE,
+    errno.EAGAIN,
+    errno.EBUSY,
+    errno.ENOLCK,
+    errno.ENOTCONN,
+    errno.ETIMEDOUT,
+    errno.EHOSTDOWN,
+    errno.EREMOTEIO,
+)
 
 
 class Fl3dError(Exception):

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fl3d.config.objects import make_importable
-from fl3d.core.errors import CheckpointError, ConfigError, Fl3dError, Unwritable
+from fl3d.core.errors import FAULTY, CheckpointError, ConfigError, Fl3dError, Unwritable
 from fl3d.core.files import write_text
 from fl3d.core.leases import Lease, leased
 from fl3d.data.dataset import Frames, frames_with
@@ -58,7 +58,7 @@ def run_stage(folder: Path) -> None:
 
 def _reason(run: RunFolder, error: Exception) -> str:
     """A traceback; of a program, which is not fl3d's code, and of a disk what is wrong is said without one."""
-    if isinstance(error, Unwritable):
+    if isinstance(error, OSError) and (isinstance(error, Unwritable) or error.errno in FAULTY):
         return f"{type(error).__name__}: {error}\n"
     if isinstance(error, Fl3dError) and is_command(read_spec(run).stage.config):
         return f"{type(error).__name__}: {error}\n"

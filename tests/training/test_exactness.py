@@ -1,6 +1,8 @@
 """Forked equals from scratch, resumed equals uninterrupted: to the bit."""
 
+import errno
 import io
+import os
 from pathlib import Path
 
 import pytest
@@ -236,6 +238,25 @@ def test_a_torn_marker_is_passed_over_and_made_anew(simulated: Path, tmp_path: P
     run_stage(folder.path)
     assert read_marker(folder, last).step == last
     assert same_state(final_state(root, key), whole)
+
+
+@pytest.mark.parametrize(
+    ("number", "begins"),
+    [(errno.EIO, "OSError: [Errno 5]"), (errno.EINVAL, "Traceback")],
+)
+def test_a_disk_that_does_not_answer_is_said_without_a_traceback(
+    number: int, begins: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = RunFolder(tmp_path)
+    folder.spec.write_text("")
+
+    def fails(_: object) -> None:
+        raise OSError(number, os.strerror(number), "stage.json")
+
+    monkeypatch.setattr("fl3d.training.stage.read_spec", fails)
+    with pytest.raises(OSError, match=r"stage\.json"):
+        run_stage(tmp_path)
+    assert folder.error.read_text().startswith(begins)
 
 
 def test_a_checkpoint_carries_no_code(simulated: Path, tmp_path: Path) -> None:
