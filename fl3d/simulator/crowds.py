@@ -26,12 +26,12 @@ PEOPLE = {
         (1.72, 0.57, 1.77), (0.1, 0.14, 0.15), (0.12, 0.25, 0.47), figures.cyclist, lift=0.03
     ),
 }
-GROUPS = (0.75, 0.2, 0.038, 0.012)  # of one to four, linked where they stand within 1.6 m
+# Of one to four, linked where they stand within 1.6 m, in frames with two and more.
+GROUPS = (0.54, 0.36, 0.07, 0.03)
 FACING = 0.09  # share of groups whose members look at each other
 TRIES = 25  # places that are looked at for each
-ONE_MORE = (
-    0.14  # share of those that are put down whom nobody labels: hidden, or beside the picture
-)
+ONE_MORE = 0.14  # share of those that are put down whom nobody labels: something hides them
+PICTURE = np.deg2rad(40.0)  # to either side of the camera's axis: who comes into the picture
 
 
 @dataclass(frozen=True)
@@ -156,6 +156,11 @@ class Crowd:
         along = nearest + float(self.rng.gamma(shape, scale))
         return -along if self.layout.start < 0 and self.rng.random() < 0.6 else along
 
+    def _in_picture(self, along: float, across: float) -> bool:
+        """Whether the camera sees a place; of what lies around us, all that it does not see will do."""
+        x, y, _ = self.site.locate(along, across)
+        return self.layout.start < 0 or abs(np.arctan2(y, x - 0.27)) < PICTURE
+
     def _side(self, left: float) -> int:
         return 1 if self.rng.random() < left else -1
 
@@ -164,7 +169,9 @@ class Crowd:
         facing = size > 1 and self.rng.random() < FACING
         for _ in range(TRIES):
             along, across, turn = self._walk()
-            if self.site.add("Pedestrian", along, across, turn, gap=-0.1):
+            if self._in_picture(along, across) and self.site.add(
+                "Pedestrian", along, across, turn, gap=-0.1
+            ):
                 break
         else:
             return
@@ -186,73 +193,67 @@ class Crowd:
         side = self._side(0.47)
         kerb, width = layout.kerbs[side], max(layout.pavements[side], 1.5)
         along, draw = self._along(4.5, 1.0, 15.0), rng.random()
-        if draw < 0.15 or (self.open and draw < 0.45):  # across the road, or on it
+        if draw < 0.1 or (self.open and draw < 0.3):  # across the road, or on it
             across = rng.uniform(layout.kerbs[-1], layout.kerbs[1])
-            square = np.pi / 2 * float(rng.choice([1, -1]))
-            return along, across, square + rng.normal(0, 0.6)
-        if draw < 0.28:  # at the kerb, between parked cars, waiting
-            across = kerb + side * rng.uniform(-1.6, 0.4)
-            return along, across, -side * np.pi / 2 + rng.normal(0, 0.4)
-        if draw < 0.42 and layout.crossing is not None:  # at the corner, along the other road
+            return along, across, self._square() + rng.normal(0, 0.6)
+        if draw < 0.24:  # at the kerb, waiting, or between parked cars
+            row = min(1.6, abs(kerb - layout.edges[side]))
+            return along, kerb + side * rng.uniform(-row, 0.5), self._square() + rng.normal(0, 0.4)
+        if draw < 0.36 and layout.crossing is not None:  # at the corner, along the other road
             along = layout.crossing + float(rng.choice([1, -1])) * rng.uniform(3.5, 7.0)
-            across = kerb + side * rng.gamma(1.5, 5.0)
-            return along, across, np.pi / 2 * float(rng.choice([1, -1])) + rng.normal(0, 0.25)
+            return along, kerb + side * rng.gamma(1.5, 5.0), self._square() + rng.normal(0, 0.25)
         turn = float(rng.choice([0.0, np.pi]))
-        if draw < 0.6:  # off the road: a forecourt, a path, a park
-            return along, kerb + side * (width + rng.gamma(1.5, 4.0)), turn + rng.normal(0, 0.8)
-        oblique = 0.15 if rng.random() < 0.7 else 0.9
-        return along, kerb + side * rng.uniform(0.2, width), turn + rng.normal(0, oblique)
+        if draw < 0.55:  # off the road: a forecourt, a path, a park
+            away = width + rng.gamma(1.5, 4.0)
+            return along, kerb + side * away, turn + rng.normal(0, 0.8)
+        oblique = 0.15 if rng.random() < 0.65 else 1.0
+        return along, kerb + side * rng.uniform(0.3, width + 0.3), turn + rng.normal(0, oblique)
+
+    def _square(self) -> float:
+        """A heading across the road."""
+        return np.pi / 2 * float(self.rng.choice([1, -1]))
 
     def _rider(self) -> None:
         for _ in range(TRIES):
             along, across, turn = self._ride()
-            if self.site.add("Cyclist", along, across, turn, gap=0.05):
+            if self._in_picture(along, across) and self.site.add(
+                "Cyclist", along, across, turn, gap=0.05
+            ):
                 return
 
     def _ride(self) -> Place:
         """At the edge of the lanes, on a lane of their own, on a path further off, or across."""
         rng, layout = self.rng, self.layout
-        side, draw = self._side(0.42), rng.random()
-        along = self._along(4.0, 2.0, 9.0)
-        with_traffic = 0.0 if side < 0 else np.pi
-        if rng.random() < 0.25:
-            with_traffic += np.pi
-        if draw < 0.35:
-            return (
-                along,
-                layout.edges[side] - side * rng.uniform(0.2, 1.2),
-                with_traffic + rng.normal(0, 0.08),
-            )
-        if draw < 0.6:
-            return (
-                along,
-                layout.kerbs[side] + side * rng.uniform(-0.2, 2.0),
-                with_traffic + rng.normal(0, 0.15),
-            )
-        if draw < 0.8:
-            across = layout.kerbs[side] + side * rng.gamma(4.0, 1.5)
-            return along, across, with_traffic + rng.normal(0, 0.2)
+        side, draw = self._side(0.34), rng.random()
+        edge, kerb, along = layout.edges[side], layout.kerbs[side], self._along(4.0, 2.0, 9.0)
+        turn = 0.0 if (side < 0) == (rng.random() < 0.75) else np.pi  # with the traffic, mostly
+        if draw < 0.2:
+            return along, edge - side * rng.uniform(-0.5, 0.7), turn + rng.normal(0, 0.1)
+        if draw < 0.42:
+            return along, kerb + side * rng.uniform(0.0, 2.5), turn + rng.normal(0, 0.2)
+        if draw < 0.76:
+            return along, kerb + side * rng.gamma(6.0, 1.0), turn + rng.normal(0, 0.45)
         if layout.crossing is not None:
             along = layout.crossing + rng.normal(0, 2.5)
-        across = rng.uniform(1.2 * layout.kerbs[-1], 1.2 * layout.kerbs[1])
-        return along, across, np.pi / 2 * float(rng.choice([1, -1])) + rng.normal(0, 0.35)
+        across = rng.uniform(layout.kerbs[-1] - 5.0, layout.kerbs[1] + 5.0)
+        return along, across, self._square() + rng.normal(0, 0.4)
 
     def _table(self, size: int) -> None:
         """People on chairs around a table, or on a bench by the wall."""
         rng = self.rng
         for _ in range(TRIES):
             side = self._side(0.3)
-            along = self._along(8.0, 2.0, 4.0)
-            across = self.layout.kerbs[side] + side * rng.uniform(1.2, 4.0)
-            if self.site.free(along, across, 0.0, 2.8, 2.8):
+            along = self._along(8.0, 3.0, 3.5)
+            across = self.layout.kerbs[side] + side * rng.uniform(2.0, 7.0)
+            if self.site.free(along, across, 0.0, 2.6, 2.6) and self._in_picture(along, across):
                 break
         else:
             return
-        self.site.put(roadside.table(rng), along, across, 0.0, (0.7, 0.7))
-        first = float(rng.choice([0.0, np.pi / 2]))
+        self.site.put(roadside.table(rng), along, across, 0.0, (0.3, 0.3))
+        first = np.pi / 2 if rng.random() < 0.85 else 0.0
         for k in range(size):
             angle = first + np.pi * k + (np.pi / 2 if k > 1 else 0.0)
-            u, v = 0.9 * np.cos(angle), 0.9 * np.sin(angle)
+            u, v = 0.74 * np.cos(angle), 0.74 * np.sin(angle)
             turn = angle + np.pi + rng.normal(0, 0.1)
             self.site.add("Person_sitting", along + float(u), across + float(v), turn, gap=-0.15)
 

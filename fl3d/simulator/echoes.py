@@ -18,7 +18,7 @@ from fl3d.simulator.hdl64 import (
     is_blind,
     ray,
 )
-from fl3d.simulator.materials import DENSITY, GLOSS, LOSS, TABLE
+from fl3d.simulator.materials import DARK, DENSITY, GLOSS, LOSS, TABLE
 from fl3d.simulator.noise import smooth_noise
 from fl3d.simulator.solids import MATERIAL, REFLECTANCE, Float, Int, Solids, normal_at
 from fl3d.simulator.terrain import Ground
@@ -26,7 +26,6 @@ from fl3d.simulator.terrain import Ground
 FAINT = 6e-6  # reflectance x cosine / range^2 below which most echoes are lost
 DIM = 2.6e-5  # and below which they have no strength: the ground's beyond 25 m
 SHINY = 20.0  # how much sooner paint and metal look black: half the points on cars have no strength
-DARK = 0.1  # share of echoes, but for the ground's, that have none anyway
 WEAK = (35, 36, 42)  # lasers whose echoes come out as dark
 GROUND_REFLECTANCE = 0.29
 _GAINS = np.where(np.isin(np.arange(64), WEAK), 0.15, 1.0)
@@ -154,16 +153,13 @@ def _listen(
             for axis in range(3):
                 point[axis] = o[axis] + t * d[axis]
             if s < 0:
-                reflectance, gloss, loss = GROUND_REFLECTANCE, 0.0, 0.002
+                reflectance, gloss, loss, dark = GROUND_REFLECTANCE, 0.0, 0.002, 0.0
                 cosine = abs(d[2] - ground[1] * d[0] - ground[2] * d[1])
                 rise = _bumps(point, road)
             else:
                 material = int(parts[s, MATERIAL])
-                reflectance, gloss, loss = (
-                    parts[s, REFLECTANCE],
-                    table[material, GLOSS],
-                    table[material, LOSS],
-                )
+                reflectance, dark = parts[s, REFLECTANCE], table[material, DARK]
+                gloss, loss = table[material, GLOSS], table[material, LOSS]
                 cosine = 0.7
                 if table[material, DENSITY] == 0:
                     nx, ny, nz = normal_at(planes[s], counts[s], through[row, column], point)
@@ -181,7 +177,7 @@ def _listen(
             points[n, 2] = o[2] + far * d[2] + rise
             strength = reflectance * (0.75 + 0.35 * cosine) * (1 + 0.22 * noise[1, row, column])
             dim = DIM * (1 + SHINY * gloss) * np.exp((0.5 + 2 * gloss) * noise[2, row, column])
-            if power * weakness[row] < dim or (s >= 0 and draws[0, row, column] > 1 - DARK):
+            if power * weakness[row] < dim or draws[0, row, column] > 1 - dark:
                 strength = 0.0
             points[n, 3] = np.float32(round(min(max(strength, 0.0), 0.99) * 100)) / np.float32(100)
             owner[n] = owners[s] if s >= 0 else GROUND

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fl3d.simulator.materials import CLOTH, METAL, RUBBER, SKIN, TRIM, WOOD, Material
+from fl3d.simulator.materials import FABRIC, METAL, RUBBER, SKIN, TRIM, WOOD, Material
 from fl3d.simulator.solids import Color, Float, Parts, box, ellipsoid, extrusion
 
 Rng = np.random.Generator
@@ -70,14 +70,14 @@ class Clothes:
     def __init__(self, rng: Rng) -> None:
         self.coat = COATS[int(rng.integers(len(COATS)))]
         self.trousers = TROUSERS[int(rng.integers(len(TROUSERS)))]
-        self.upper, self.lower = rng.uniform(0.15, 0.65), rng.uniform(0.1, 0.5)
+        self.upper, self.lower = rng.uniform(0.25, 0.7), rng.uniform(0.2, 0.6)
 
     def leg(self, hip: Point, knee: Point, foot: Point, v: float, scale: float) -> list[Parts]:
         """Thigh, shin and shoe; ``scale`` is the height over that of an adult."""
         ankle = (foot[0] - 0.06 * scale, foot[1] + 0.08 * scale)
         return [
-            limb(hip, knee, 0.17 * scale, 0.085 * scale, CLOTH, v, self.lower, self.trousers),
-            limb(knee, ankle, 0.12 * scale, 0.065 * scale, CLOTH, v, self.lower, self.trousers),
+            limb(hip, knee, 0.17 * scale, 0.085 * scale, FABRIC, v, self.lower, self.trousers),
+            limb(knee, ankle, 0.12 * scale, 0.065 * scale, FABRIC, v, self.lower, self.trousers),
             box((SHOE * scale, 0.1 * scale, 0.09 * scale), RUBBER, at=(foot[0], v, foot[1])),
         ]
 
@@ -86,8 +86,8 @@ class Clothes:
     ) -> list[Parts]:
         """Upper arm and forearm; ``v`` of the one and of the other."""
         return [
-            limb(shoulder, elbow, 0.11 * scale, 0.055 * scale, CLOTH, v[0], self.upper, self.coat),
-            limb(elbow, hand, 0.09 * scale, 0.045 * scale, CLOTH, v[1], self.upper, self.coat),
+            limb(shoulder, elbow, 0.11 * scale, 0.055 * scale, FABRIC, v[0], self.upper, self.coat),
+            limb(elbow, hand, 0.09 * scale, 0.045 * scale, FABRIC, v[1], self.upper, self.coat),
         ]
 
     def trunk(self, hip: Point, neck: Point, broad: float, scale: float) -> list[Parts]:
@@ -99,8 +99,8 @@ class Clothes:
         below = (hip[0] - 0.05 * float(lean[0]), hip[1] - 0.09 * scale)
         worn = (self.upper, self.coat)
         return [
-            limb(below, waist, 0.24 * scale, 0.16 * scale, CLOTH, 0.0, *worn),
-            limb(waist, neck, 0.25 * scale, broad, CLOTH, 0.0, *worn),
+            limb(below, waist, 0.24 * scale, 0.16 * scale, FABRIC, 0.0, *worn),
+            limb(waist, neck, 0.25 * scale, broad, FABRIC, 0.0, *worn),
             ellipsoid((0.115 * scale, 0.09 * scale, 0.15 * scale), SKIN, (head[0], 0.0, head[1])),
         ]
 
@@ -146,17 +146,17 @@ def _arm(
 def _carried(hip: Point, neck: Point, clothes: Clothes, scale: float, rng: Rng) -> list[Parts]:
     """A long coat or skirt, a rucksack, a bag, or nothing."""
     draw = rng.random()
-    worn = (CLOTH, (0.0, 0.0, 0.0), 0.0, clothes.upper, clothes.coat)
+    worn = (FABRIC, (0.0, 0.0, 0.0), 0.0, clothes.upper, clothes.coat)
     if draw < 0.2:
         low, high = hip[1] - 0.4 * scale, hip[1] + 0.1 * scale
         skirt = ((-0.2, low), (0.2, low), (0.13, high), (-0.13, high))
         return [extrusion([(u * scale, w) for u, w in skirt], (0.22 * scale, 0.16 * scale), *worn)]
     if draw < 0.38:
         at = (neck[0] - 0.22 * scale, 0.0, neck[1] - 0.5 * scale)
-        return [box((0.2 * scale, 0.3 * scale, 0.46 * scale), CLOTH, at, reflectance=0.2)]
+        return [box((0.2 * scale, 0.3 * scale, 0.46 * scale), FABRIC, at, reflectance=0.2)]
     if draw < 0.55:
         at = (hip[0], float(rng.choice([1, -1])) * 0.27 * scale, hip[1] - 0.3 * scale)
-        return [box((0.32 * scale, 0.12 * scale, 0.3 * scale), CLOTH, at, reflectance=0.3)]
+        return [box((0.32 * scale, 0.12 * scale, 0.3 * scale), FABRIC, at, reflectance=0.3)]
     return []
 
 
@@ -209,7 +209,7 @@ def _bicycle(axle: float, grips: Point, broad: float, rng: Rng) -> list[Parts]:
         box((0.26, 0.15, 0.06), TRIM, at=(SADDLE[0], 0.0, SADDLE[1])),
     ]
     if rng.random() < RACK:
-        parts.append(box((0.3, 0.34, 0.3), CLOTH, at=(-axle - 0.02, 0.0, 0.42), reflectance=0.25))
+        parts.append(box((0.3, 0.34, 0.3), FABRIC, at=(-axle - 0.02, 0.0, 0.42), reflectance=0.25))
     if rng.random() < RACK:
         parts.append(box((0.28, 0.36, 0.24), METAL, at=(axle - 0.08, 0.0, 0.8), opening=0.5))
     return parts
@@ -241,5 +241,5 @@ def cyclist(size: Size, rng: Rng) -> Parts:
     parts += clothes.trunk(hip, neck, 0.19, scale)
     if rng.random() < 0.2:
         at_back = (neck[0] - 0.28, 0.0, neck[1] - 0.48)
-        parts.append(box((0.18, 0.3, 0.44), CLOTH, at_back, reflectance=0.2))
+        parts.append(box((0.18, 0.3, 0.44), FABRIC, at_back, reflectance=0.2))
     return np.stack(parts)

@@ -54,7 +54,7 @@ class Kind:
     def body(self, size: Size, rng: np.random.Generator) -> Size:
         """The body within a box of this size."""
         if self.inset is None:
-            return size
+            return size[0], size[1], size[2] + self.lift
         margin = np.clip(rng.normal(*self.inset), -0.05, 0.25)
         return float(size[0] - margin[0]), float(size[1] - margin[1]), float(size[2] - margin[2])
 
