@@ -106,7 +106,7 @@ def test_a_notebooks_streams_are_used_as_they_are(
     monkeypatch.setattr(sys, "stdout", out)
     monkeypatch.setattr(sys, "stderr", error)
     (tmp_path / "stages").mkdir()
-    main(["clean", "--root", str(tmp_path)])
+    main(["clean", f"store.root={tmp_path}"])
     assert (sys.stdout, sys.stderr) == (out, error)
     assert out.text == f"{tmp_path}: there is nothing to delete\n"
     with pytest.raises(SystemExit) as end:

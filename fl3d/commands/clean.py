@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from fl3d.commands.words import parser
+from fl3d.commands.words import parser, read_words
 from fl3d.runs.cleaning import clean
 
 
@@ -15,14 +13,10 @@ def run(arguments: list[str]) -> None:
     """
     options = parser("clean", run.__doc__)
     options.add_argument(
-        "--root", type=Path, default=Path("runs"), help="folder of the store (default: runs)"
-    )
-    options.add_argument(
-        "--keep-every",
-        type=int,
-        default=10,
-        metavar="K",
-        help="keep the weights of each K-th epoch; 0: of none (default: 10)",
+        "overrides",
+        nargs="*",
+        help="store.root=FOLDER as of your sweeps (default: runs); store.keep_every=K keeps the weights of each K-th "
+        "epoch (default: 10; null: of none but the last and the best)",
     )
     options.add_argument(
         "--orphans",
@@ -30,5 +24,6 @@ def run(arguments: list[str]) -> None:
         help="also stages that no sweep's plan names any more; none where a plan below the root cannot be read",
     )
     options.add_argument("--yes", action="store_true", help="delete them")
-    given = options.parse_args(arguments)
-    clean(given.root, given.keep_every or None, delete=given.yes, orphans=given.orphans)
+    given = options.parse_intermixed_args(arguments)
+    store = read_words(given.overrides).settings.store
+    clean(store.root, store.keep_every, delete=given.yes, orphans=given.orphans)

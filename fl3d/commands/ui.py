@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from fl3d.commands.words import parser
+from fl3d.commands.words import parser, read_words
 from fl3d.store.mlflow.ui import browse
 
 
@@ -12,15 +10,12 @@ def run(arguments: list[str]) -> None:
     """Browse the store in MLflow's user interface, on this machine alone."""
     options = parser("ui", run.__doc__)
     options.add_argument(
-        "--root",
-        type=Path,
-        default=Path("runs"),
-        help="folder of the store (default: runs)",
-    )
-    options.add_argument(
-        "--uri",
-        help="of another store, as store.uri of the sweep: postgresql://USER@HOST/NAME",
+        "overrides",
+        nargs="*",
+        help="where the store is, as of your sweeps: store.root=FOLDER (default: runs), or "
+        "store.uri=postgresql://USER@HOST/NAME",
     )
     options.add_argument("--port", type=int, default=5000, help="default: 5000")
-    given = options.parse_args(arguments)
-    browse(given.root, given.uri, given.port)
+    given = options.parse_intermixed_args(arguments)
+    store = read_words(given.overrides).settings.store
+    browse(store.root, store.uri, given.port)

@@ -31,7 +31,7 @@ def parse(line: str) -> Override:
     """Read one override; ``glob(...)`` is a choice among a group's files.
 
     Raises:
-        ConfigError: it is not in Hydra's grammar, or a glob that matches nothing.
+        ConfigError: it is not in Hydra's grammar, or a glob that matches nothing or stands among other values.
     """
     try:
         override = _parsed(line)
@@ -45,6 +45,8 @@ def parse(line: str) -> Override:
         override = copy.copy(override)
         override._value = ChoiceSweep(list=chosen)
         override.value_type = ValueType.CHOICE_SWEEP
+    elif isinstance(pattern, ChoiceSweep) and any(isinstance(one, Glob) for one in pattern.list):
+        raise ConfigError(f"'{line}': glob(...) stands alone; beside other values name the files")
     return override
 
 

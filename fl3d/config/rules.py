@@ -162,7 +162,7 @@ RULES: dict[str, Rule] = {
 }
 # Of torch's optimisers, which say no key in their errors.
 OPTIMIZER: dict[str, Rule] = {
-    "lr": FROM_0,
+    "lr": ABOVE_0,
     "weight_decay": FROM_0,
     "momentum": FROM_0,
     "eps": FROM_0,

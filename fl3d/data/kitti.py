@@ -106,7 +106,7 @@ class KittiFolder:
 
         Raises:
             DataMissing: the file is (the message lists those present).
-            DataError: a line is no frame's name, or a frame is there twice.
+            DataError: a line is no frame's name, a frame is there twice, or it has no file at all.
         """
         path = self.split_path(name)
         if not is_there(path):
@@ -117,7 +117,28 @@ class KittiFolder:
                 )
             present = [p.stem for p in path.parent.glob("*.txt")]
             raise DataMissing(f"no such split. {options(name, present)}", path)
-        return read_split(path)
+        frame_ids = read_split(path)
+        self._check_known(frame_ids, path)
+        return frame_ids
+
+    def _check_known(self, frame_ids: list[str], split: Path) -> None:
+        """Refuse a frame of which there is no file: the list is wrong then, not the frame.
+
+        Raises:
+            DataError: names the list and the frame.
+        """
+        try:
+            labels = {path.stem for path in (self.root / "training" / "label_2").iterdir()}
+        except OSError:
+            return  # what needs labels says that they are missing
+        for frame_id in frame_ids:
+            if frame_id in labels or self.path("calib", frame_id).exists():
+                continue
+            if not self.path("velodyne", frame_id).exists():
+                raise DataError(
+                    f"there is no frame {frame_id}: it has no label, calibration or cloud in training",
+                    split,
+                )
 
     def split_path(self, name: str) -> Path:
         """The file that names a split's frames."""

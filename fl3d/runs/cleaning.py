@@ -12,11 +12,12 @@ from tqdm import tqdm
 from fl3d.core.errors import StoreError
 from fl3d.core.files import TEMPORARY, is_old_temporary
 from fl3d.core.leases import holder_of, living
-from fl3d.runs.layout import RunFolder, StoreFolder
+from fl3d.runs.layout import ASIDE, RunFolder, StoreFolder
 from fl3d.runs.plans import named_stages
 from fl3d.runs.retention import superfluous_weights
 
 SHOWN = 5  # files of a kind that are named
+HALF = "half-written results of programs that were killed and have written them again"
 UPLOADING = ".artifact.uploading.*"  # what MLflow writes beside an artifact, and then renames
 
 
@@ -86,9 +87,7 @@ def clean(
     """
     layout = StoreFolder(root)
     if not layout.stages.is_dir():
-        raise StoreError(
-            f"{root}: there is no store; give --root FOLDER, the store.root of your sweeps"
-        )
+        raise StoreError(f"{root}: there is no store; give store.root=FOLDER as of your sweeps")
     if delete:
         _refuse_while_running(layout)
     found = _find(layout, keep_every, orphans)
@@ -122,6 +121,7 @@ def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Finding
     for run in idle:
         if run.is_done:
             _find_weights(run, keep_every, found)
+            found.waste += [Waste(HALF, path) for path in sorted(run.work.rglob(f"*{ASIDE}*"))]
     found.waste += _leases([*layout.leases(), *(run.lease for run in idle)])
     found.waste += _temporary(layout)
     try:

@@ -10,6 +10,8 @@ from typing import NoReturn
 
 from fl3d.core.errors import StoreError
 
+ASIDE = ".unfinished-"  # in the name of a program's result folder that was put aside
+
 
 @dataclass(frozen=True)
 class RunFolder:

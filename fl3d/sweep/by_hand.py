@@ -38,4 +38,7 @@ def name_trial(config: Config) -> None:
 
 
 def _with_name(config: Config, name: str) -> Config:
+    """A config that has no name gets one; names that the words sweep stay, and are refused by the planner."""
+    if config["sweep"]["name"] != BY_HAND:
+        return config
     return {**config, "sweep": {**config["sweep"], "name": name}}

@@ -157,8 +157,12 @@ class Planner:
         return trial, stages
 
     def _check_shared(self, point: Point) -> None:
-        for key in SHARED:
-            if point.config[key] != self.base[key]:
+        own, shared = (
+            dict(leaves({section: config[section] for section in SHARED}))
+            for config in (point.config, self.base)
+        )
+        for key in {**own, **shared}:
+            if key not in own or key not in shared or own[key] != shared[key]:
                 raise ConfigError(
                     f"{key}: all trials of a sweep must share it; run one sweep for each value"
                 )

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from fl3d.core.errors import DataError
+from fl3d.runs.layout import ASIDE
 from fl3d.training.templates import fill_text, value_text
 
 SHOWN = 12  # names in an error
-ASIDE = ".unfinished-"  # in the name of a result folder that was put aside
 _EPOCH = "\0"  # stands for the number while a pattern is taken apart
 
 Print = tuple[tuple[str, int, int], ...]  # name, size and time of each file of a folder

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fl3d.core.files import TEMPORARY
 from fl3d.runs.cleaning import UPLOADING
+from fl3d.runs.layout import ASIDE
 
 NOISE = (
     "-wal",
@@ -101,7 +102,10 @@ def left_over(root: Path, whole: Path) -> list[str]:
     found = []
     for path in root.rglob("*"):
         is_temporary = path.match(TEMPORARY) or path.match(UPLOADING)
-        is_known = is_temporary or path.name.endswith(NOISE) or _kind(path, root) in known
+        is_aside = any(ASIDE in part for part in path.parts)
+        is_known = (
+            is_temporary or is_aside or path.name.endswith(NOISE) or _kind(path, root) in known
+        )
         if path.is_file() and not is_known:
             found.append(f"{path.relative_to(root)} is left over")
     return found

@@ -151,7 +151,12 @@ class Trial:
                 if "example_program.py" in line and ("guard.py" in line) == (victim == "guard")
             ]
             return [self.rng.choice(chosen)] if chosen else []
-        workers = [pid for server in servers for pid in descendants(server)]
+        workers = [
+            pid
+            for server in servers
+            for pid, line in descendants(server).items()
+            if "example_program.py" not in line
+        ]
         if not stages & set(workers):
             return [self.rng.choice(workers)] if workers else []
         return [self.rng.choice(sorted(stages & set(workers)))]

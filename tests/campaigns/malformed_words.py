@@ -118,8 +118,8 @@ WORDS: list[tuple] = [  # type: ignore[type-arg]
     (["why", "III", "gamma=2", "4d/moderate"], ()),
     (["verify", "+sweep=nothing"], "nothing"),
     (["rescore", "SMALL", "sweep.name=nothing"], ()),
-    (["clean", "--root", "/nonexistent"], "/nonexistent"),
-    (["clean", "--keep-every", "abc"], "keep-every"),
+    (["clean", "store.root=/nonexistent"], "/nonexistent"),
+    (["clean", "store.keep_every=abc"], "store.keep_every"),
     (["evaluate", "/nonexistent", "/nonexistent"], "/nonexistent"),
     (
         [

@@ -327,3 +327,13 @@ def test_a_sweep_over_detectors_takes_either_name_for_its_baseline(
         assert prepared.planner.frozen(prepared.plan).baseline == "3D-FCN"
     with pytest.raises(ConfigError, match=r"sweep\.baseline: no level 'pointrcnn'"):
         small_sweep(simulated, tmp_path, points, "sweep.baseline=pointrcnn")
+
+
+@pytest.mark.parametrize(
+    "word", ["sweep.name=a,b", "store.root=a,b", "sweep.primary=3d/easy,3d/hard"]
+)
+def test_what_belongs_to_the_whole_sweep_cannot_be_swept(places: list[str], word: str) -> None:
+    asked = named(multirun([*places, "loss.gamma=0,2", word]))
+    key = word.partition("=")[0]
+    with pytest.raises(ConfigError, match=f"^{key}: all trials of a sweep must share it"):
+        start(asked.arguments, grid({}, asked.arguments, asked.compose))

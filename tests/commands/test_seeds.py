@@ -66,6 +66,8 @@ def test_a_study_refuses_a_number_of_seeds_and_takes_seeds_to_draw_from() -> Non
     space = "loss.gamma=interval(0,5)"
     with pytest.raises(ConfigError, match=r"seeds=N: a study .* give 'seed=choice\(0,1,2\)'"):
         parse_space({}, [space, *spell_out_seeds(["seeds=3"])])
+    with pytest.raises(ConfigError, match=r"seed=interval\(0,5\): a study .* seeds have no order"):
+        parse_space({}, ["seed=interval(0,5)"])
     drawn = parse_space({}, [space, "seed=choice(0,1,2)"]).axes["seed"]
     assert drawn == parse_space({}, [space, "seed=0,1,2"]).axes["seed"]
 

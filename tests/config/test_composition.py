@@ -119,6 +119,7 @@ def test_a_group_left_out_is_the_configs_own_default() -> None:
         ),
         (["~profile"], "~profile: a trial needs one. Possible: paper, quick"),
         (["loss.gamma=glob(*)"], "glob.* names files of a group, and loss.gamma is none"),
+        (["loss=glob(*),null"], "glob.* stands alone; beside other values name the files"),
         (["detector=glob(z*)"], "matches no file of the group. Possible: command, fcn3d"),
         (["loss.gamma=range(0,0)"], "holds no value; range.0,3. is 0,1,2"),
         (["loss.gamma=range(0,1,0)"], "no range of numbers"),

@@ -71,7 +71,8 @@ def test_what_another_value_reads_is_resolved_anew() -> None:
 
 
 def test_text_that_names_a_value_is_resolved() -> None:
-    assert shared().having([parse("optimizer.lr=${loss.gamma}")])["optimizer"]["lr"] == 0
+    found = shared().having([parse("optimizer.lr=${loss.alpha}")])
+    assert found["optimizer"]["lr"] == found["loss"]["alpha"]
 
 
 @pytest.mark.parametrize("word", ["optimizer.lr=nan", "seed=-1", "schedule.batch_size=0"])

@@ -93,6 +93,14 @@ def test_a_missing_split_lists_those_present(simulated: Path) -> None:
         KittiFolder(simulated).split("trainn")
 
 
+def test_a_split_that_names_an_unknown_frame_is_named(simulated: Path, tmp_path: Path) -> None:
+    (tmp_path / "training").symlink_to(simulated / "training")
+    (tmp_path / "ImageSets").mkdir()
+    (tmp_path / "ImageSets/val.txt").write_text("000000\n123456\n")
+    with pytest.raises(DataError, match=r"ImageSets/val\.txt: there is no frame 123456"):
+        KittiFolder(tmp_path).split("val")
+
+
 def test_a_missing_frame_names_its_file(simulated: Path) -> None:
     with pytest.raises(DataError, match=r"calib/999999\.txt: no such file"):
         KittiFolder(simulated).frame("999999")

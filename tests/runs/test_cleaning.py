@@ -185,8 +185,21 @@ def test_a_stage_of_another_version_keeps_its_weights_and_can_be_an_orphan(
     assert not orphan.path.exists()
 
 
+def test_half_written_results_of_a_program_go_when_its_stage_is_done(tmp_path: Path) -> None:
+    layout = StoreFolder(tmp_path)
+    for key in ("done", "begun"):
+        aside = stored_stage(layout, key).work / "epoch_1.unfinished-1700000000"
+        aside.mkdir(parents=True)
+        (aside / "000001.txt").write_text("")
+    layout.run("begun").done.unlink()
+    named_in_a_plan(layout, "gamma", "done", "begun")
+    clean(tmp_path, None, delete=True, orphans=False, say=lambda _: None)
+    assert not list(layout.run("done").work.iterdir())
+    assert list(layout.run("begun").work.iterdir())
+
+
 def test_a_folder_without_a_store_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="there is no store; give --root FOLDER"):
+    with pytest.raises(StoreError, match=r"there is no store; give store\.root=FOLDER"):
         clean(tmp_path, None, delete=False, orphans=False)
 
 

@@ -377,3 +377,9 @@ def test_a_database_that_was_left_in_the_making_is_told_with_the_way_out(tmp_pat
     found = damage(sa.exc.OperationalError("CREATE TABLE", {}, said), MlflowStore(tmp_path).uri)
     assert "mlflow.db: not a whole database" in str(found)
     assert "move it away" in str(found)
+
+
+@pytest.mark.parametrize("uri", ["sqlite://", "sqlite:///", "sqlite:///:memory:"])
+def test_a_store_in_memory_is_refused(tmp_path: Path, uri: str) -> None:
+    with pytest.raises(StoreError, match=r"^store\.uri: .*(is no store|is in memory)"):
+        MlflowStore(tmp_path, uri)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,7 @@ STATUSES = {
     RunStatus.FAILED: "FAILED",
     RunStatus.STOPPED: "KILLED",
 }
+IN_MEMORY = re.compile(r"^sqlite:/*($|\?)|:memory:|mode=memory")  # as SQLAlchemy and SQLite tell it
 POSSIBLE = "sqlite:///FILE, postgresql://USER@HOST/NAME, http://HOST:PORT (an MLflow server)"
 SCHEMA_LOCK = 0x666C3364  # of PostgreSQL, while MLflow makes its tables
 
@@ -77,6 +79,10 @@ class MlflowStore(Store):
         self.uri = database_url(uri or file_url(self.root))
         if not self.uri.startswith(("sqlite:///", "postgresql", "http://", "https://")):
             raise StoreError(f"store.uri: '{self.uri}' is no store. Possible: {POSSIBLE}")
+        if self._is_file and IN_MEMORY.search(self.uri):
+            raise StoreError(
+                f"store.uri: '{self.uri}' is in memory, and gone when fl3d ends. Possible: {POSSIBLE}"
+            )
 
     @property
     def exists(self) -> bool:

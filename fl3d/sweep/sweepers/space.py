@@ -100,9 +100,10 @@ def parse_space(params: Mapping[str, object], arguments: Sequence[str]) -> Space
 def _refuse_counted_seeds(override: Override) -> None:
     """Seeds have no order, and ``seeds=3`` would mean all three of each trial."""
     if override.key_or_group == SEED and not override.is_choice_sweep():
+        typed = override.input_line if override.is_interval_sweep() else "seeds=N"
         raise ConfigError(
-            "seeds=N: a study trains each of its trials under one seed, not under N; for a seed drawn with the other "
-            "values give 'seed=choice(0,1,2)', and to compare levels over seeds run a grid"
+            f"{typed}: a study trains each of its trials under one seed, and seeds have no order; for a seed "
+            "drawn with the other values give 'seed=choice(0,1,2)', and to compare levels over seeds run a grid"
         )
 
 
