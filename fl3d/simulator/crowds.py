@@ -30,7 +30,7 @@ PEOPLE = {
 GROUPS = (0.54, 0.36, 0.07, 0.03)
 FACING = 0.09  # share of groups whose members look at each other
 TRIES = 25  # places that are looked at for each
-ONE_MORE = 0.14  # share of those that are put down whom nobody labels: something hides them
+ONE_MORE = 0.2  # share of those that are put down whom nobody labels: something hides them
 PICTURE = np.deg2rad(40.0)  # to either side of the camera's axis: who comes into the picture
 
 
@@ -78,7 +78,7 @@ MOODS = {
         {"residential": 0.35, "city": 0.42, "country": 0.13, "square": 0.05, "car_park": 0.05},
     ),
 }
-MOST = 1 / sum(mood.share for mood in MOODS.values())  # rate at which every frame has people
+MOST = 3.0  # times as often: nearly every frame has people then
 QUIET = Mood(0.0, (1.0,), 0.0, 0.0, {name: street.share for name, street in STREETS.items()})
 
 
@@ -192,8 +192,8 @@ class Crowd:
         rng, layout = self.rng, self.layout
         side = self._side(0.47)
         kerb, width = layout.kerbs[side], max(layout.pavements[side], 1.5)
-        along, draw = self._along(4.5, 1.0, 15.0), rng.random()
-        if draw < 0.1 or (self.open and draw < 0.3):  # across the road, or on it
+        along, draw = self._along(4.5, 1.0, 14.0), rng.random()
+        if draw < 0.07 or (self.open and draw < 0.22):  # across the road, or on it
             across = rng.uniform(layout.kerbs[-1], layout.kerbs[1])
             return along, across, self._square() + rng.normal(0, 0.6)
         if draw < 0.24:  # at the kerb, waiting, or between parked cars
@@ -206,7 +206,7 @@ class Crowd:
         if draw < 0.55:  # off the road: a forecourt, a path, a park
             away = width + rng.gamma(1.5, 4.0)
             return along, kerb + side * away, turn + rng.normal(0, 0.8)
-        oblique = 0.15 if rng.random() < 0.65 else 1.0
+        oblique = 0.15 if rng.random() < 0.5 else 1.1
         return along, kerb + side * rng.uniform(0.3, width + 0.3), turn + rng.normal(0, oblique)
 
     def _square(self) -> float:
@@ -225,7 +225,7 @@ class Crowd:
         """At the edge of the lanes, on a lane of their own, on a path further off, or across."""
         rng, layout = self.rng, self.layout
         side, draw = self._side(0.34), rng.random()
-        edge, kerb, along = layout.edges[side], layout.kerbs[side], self._along(4.0, 2.0, 9.0)
+        edge, kerb, along = layout.edges[side], layout.kerbs[side], self._along(4.0, 2.0, 8.2)
         turn = 0.0 if (side < 0) == (rng.random() < 0.75) else np.pi  # with the traffic, mostly
         if draw < 0.2:
             return along, edge - side * rng.uniform(-0.5, 0.7), turn + rng.normal(0, 0.1)
@@ -250,7 +250,7 @@ class Crowd:
         else:
             return
         self.site.put(roadside.table(rng), along, across, 0.0, (0.3, 0.3))
-        first = np.pi / 2 if rng.random() < 0.85 else 0.0
+        first = 0.0 if rng.random() < 0.1 else np.pi / 2
         for k in range(size):
             angle = first + np.pi * k + (np.pi / 2 if k > 1 else 0.0)
             u, v = 0.74 * np.cos(angle), 0.74 * np.sin(angle)
