@@ -113,7 +113,7 @@ def pedestrian(size: Size, rng: Rng) -> Parts:
     spread = max(length - SHOE * scale, 0.0) / 2  # of each foot from the middle
     swing = min(spread, 0.4 * scale)
     hip = (0.0, np.sqrt(max(0.51**2 - (swing / height) ** 2, 0.16)) * height)
-    neck = (0.03, hip[1] + 0.33 * height)
+    neck = (0.03, height - 0.29 * scale)  # the head above it
     arms = float(np.clip(width / 2 - 0.05 * scale, 0.2 * scale, 0.4 * scale))
     lifted = rng.uniform(0.0, 0.1) if swing > 0.15 else 0.0
     parts: list[Parts] = []
@@ -125,22 +125,27 @@ def pedestrian(size: Size, rng: Rng) -> Parts:
         knee = bend(hip, ankle, 0.24 * height, 0.24 * height, 1.0)
         parts += clothes.leg(hip, knee, foot, side * 0.1 * scale, scale)
         shoulder = (neck[0], neck[1] - 0.03 * height)
-        parts += _arm(clothes, shoulder, -ahead * swing, side, arms, scale, rng)
+        parts += _arm(clothes, shoulder, -ahead * swing, (side * arms, length / 2), scale, rng)
     parts += clothes.trunk(hip, neck, min(0.19 * scale, arms), scale)
-    parts += _carried(hip, neck, clothes, scale, rng)
+    if length > 0.5 or rng.random() < 0.5:
+        parts += _carried(hip, neck, clothes, scale, rng)
     return np.stack(parts)
 
 
 def _arm(
-    clothes: Clothes, shoulder: Point, swing: float, side: int, at: float, scale: float, rng: Rng
+    clothes: Clothes, shoulder: Point, swing: float, room: Point, scale: float, rng: Rng
 ) -> list[Parts]:
-    """An arm that swings against the legs, or holds something (a telephone, a strap) before the chest."""
+    """An arm that swings against the legs, or holds something (a telephone, a strap) before the chest.
+
+    ``room`` is how far to the left it hangs, and how far ahead the box reaches.
+    """
+    aside, ahead = room
     if rng.random() < 0.2:
-        hand = (shoulder[0] + 0.28 * scale, shoulder[1] - 0.18 * scale)
+        hand = (min(shoulder[0] + 0.28 * scale, ahead), shoulder[1] - 0.18 * scale)
     else:
         hand = (shoulder[0] + 0.8 * swing + 0.04, shoulder[1] - 0.52 * scale)
     elbow = bend(shoulder, hand, 0.29 * scale, 0.26 * scale, -1.0)
-    return clothes.arm(shoulder, elbow, hand, (side * at, side * (at - 0.01)), scale)
+    return clothes.arm(shoulder, elbow, hand, (aside, aside), scale)
 
 
 def _carried(hip: Point, neck: Point, clothes: Clothes, scale: float, rng: Rng) -> list[Parts]:
