@@ -95,6 +95,7 @@ class _Builder:
             rough=rng.uniform(0.02, 0.12 if wild else 0.05),
             origin_x=rng.uniform(0, 1000),
             origin_y=rng.uniform(0, 1000),
+            field=0.0 if self.mood is None else 1.0,
         )
 
     def fill(self, start: float) -> None:

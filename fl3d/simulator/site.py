@@ -226,8 +226,8 @@ class Site:
         return True
 
     def _put(self, parts: Parts, x: float, y: float, yaw: float, owner: int, lift: float) -> float:
-        z, slope_x, slope_y = self.ground.at(x, y)
-        z += lift
+        z, slope_x, slope_y = (self.ground.even if lift else self.ground).at(x, y)
+        z += lift  # a pavement is even
         self._parts.append(parts)
         self._placements += [(x, y, z, yaw, slope_x, slope_y)] * len(parts)
         self._owners += [owner] * len(parts)
