@@ -88,6 +88,7 @@ class Objects:
 
     @property
     def distance(self) -> Float:
+        """Metres from the LiDAR."""
         return np.hypot(self.boxes[:, 0], self.boxes[:, 1])
 
 
@@ -163,8 +164,11 @@ ROWS: tuple[tuple[str, Callable[[Objects], str]], ...] = (
 
 
 def inside(folder: KittiFolder, ids: Sequence[str], kind: str) -> Float:
-    """(N, 7) distance, whether wholly visible, points inside, metres from ground to box, from the highest point to the
-    box's top, mean reflectance, and share of points without any; NaN where there is nothing to measure."""
+    """How points lie in boxes, (N, 7); NaN where there is nothing to measure.
+
+    Distance, whether wholly visible, points inside, metres from the ground to the box and from the highest point to the
+    box's top, mean reflectance, and share of points without any.
+    """
     found = []
     for frame_id in ids:
         labels = folder.read_labels(frame_id)
