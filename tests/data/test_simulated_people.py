@@ -13,12 +13,13 @@ from fl3d.data.kitti import KittiFolder
 from fl3d.simulator import figures
 from fl3d.simulator.crowds import MOODS, MOST, PEOPLED, QUIET, draw_mood, street_of
 from fl3d.simulator.generate import Settings, write_folder
-from fl3d.simulator.hdl64 import CAMERA_VIEW
+from fl3d.simulator.hdl64 import CAMERA_VIEW, ELEVATIONS, ORIGINS
 from fl3d.simulator.lidar import scan
+from fl3d.simulator.materials import STONE
 from fl3d.simulator.scene import random_scene
 from fl3d.simulator.site import Site
-from fl3d.simulator.solids import Parts, Solids
-from fl3d.simulator.terrain import Ground
+from fl3d.simulator.solids import Parts, Solids, box
+from fl3d.simulator.terrain import Ground, Road
 from tests.data.test_simulator import files
 
 GROUND = Ground(-1.73)
@@ -190,3 +191,22 @@ def test_people_are_as_many_as_large_as_far_and_as_hidden_as_kittis(
     quartiles = [np.quantile(rows[:, 3], [0.25, 0.5, 0.75]) for rows in (ours, theirs)]
     np.testing.assert_allclose(*quartiles, atol=2.5)
     np.testing.assert_allclose(ours[:, 4:].mean(axis=0), theirs[:, 4:].mean(axis=0), atol=0.1)
+
+
+def test_rays_meet_uneven_ground_as_one_surface() -> None:
+    """Points lie on the surface that things stand on, and still on the cones of the lasers; none beyond 80 m."""
+    ground = Ground(-1.73, road=Road(rise=0.15, rough=0.1, origin_x=5.0, field=1.0))
+    even = Ground(-1.73)
+    far_away = np.array([[0.0, 90.0, 0.0, 0.0, 0.0, 0.0]])
+    scene = Solids(box((1.0, 1.0, 1.0), STONE)[None], far_away, np.array([-1]))
+    points = scan(scene, 0, ground, np.random.default_rng(0)).points_velo.astype(np.float64)
+    near = points[np.hypot(points[:, 0], points[:, 1]) < 20]
+    surface = np.array([ground.at(x, y)[0] for x, y in near[:, :2]])
+    assert np.quantile(np.abs(near[:, 2] - surface), 0.9) < 0.01
+    assert np.abs(near[:, 2] - even.height).max() > 0.1  # it is not even
+    reach = np.hypot(near[:, 0], near[:, 1])
+    miss = np.abs(near[:, 2:3] - ORIGINS - reach[:, None] * np.tan(np.deg2rad(ELEVATIONS)))
+    assert miss.min(axis=1).max() < 0.005
+    assert (
+        np.linalg.norm(points[:, :3], axis=1).max() < 80.3
+    )  # from the lasers, not from the origin, 80
