@@ -125,6 +125,12 @@ def test_overrides_overrule_what_a_profile_sets_for_a_detector() -> None:
     assert config["optimizer"]["lr"] == 0.5
 
 
+@pytest.mark.parametrize(("profile", "cut"), [("paper", 0.994), ("standard", 0), ("quick", 0)])
+def test_table_v_is_cut_as_the_paper_cuts_it(profile: str, cut: float) -> None:
+    config = compose_config(["+sweep=loss_form", f"profile={profile}", "loss=original"])
+    assert config["protocol"]["score_threshold"] == cut
+
+
 def test_the_original_loss_is_the_left_side_of_the_equations() -> None:
     """Table V: no normalisation, no weights but eta = 0.1, whatever the detector's own are."""
     loss = compose_config(["detector=fcn3d", "loss=original"])["loss"]

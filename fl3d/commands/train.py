@@ -9,6 +9,8 @@ import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import pandas as pd
+
 from fl3d.analysis.found import sweep_verdicts
 from fl3d.commands.words import PUBLISHED
 from fl3d.config.checks import check_overrides
@@ -19,7 +21,14 @@ from fl3d.config.objects import build
 from fl3d.config.overrides import parse
 from fl3d.config.places import CONF, MAIN, own_folders
 from fl3d.core import interrupts
-from fl3d.core.errors import CheckpointError, ConfigError, DataError, Fl3dError, StoreError
+from fl3d.core.errors import (
+    CheckpointError,
+    ConfigError,
+    DataError,
+    Fl3dError,
+    StoreDown,
+    StoreError,
+)
 from fl3d.core.records import Config
 from fl3d.inference.devices import check_device
 from fl3d.papers.registry import tables_named
@@ -170,7 +179,7 @@ def tell_verdicts(sweep: FinishedSweep, store: Store, say: Callable[[str], None]
         verdicts = sweep_verdicts(sweep)
         if verdicts.empty:
             return
-        tag_verdicts(sweep, verdicts, store)
+        _tag(sweep, verdicts, store, say)
     except (CheckpointError, DataError, StoreError) as error:
         say(f"No verdicts: {error}")  # all is trained and recorded; `gains` tries again
         return
@@ -178,6 +187,18 @@ def tell_verdicts(sweep: FinishedSweep, store: Store, say: Callable[[str], None]
     notes = (seeds_text(verdicts), units_of(sweep).note)
     for table in verdict_tables(verdicts, levels_of(sweep), margin, notes):
         say("\n" + to_markdown(table))
+
+
+def _tag(
+    sweep: FinishedSweep, verdicts: pd.DataFrame, store: Store, say: Callable[[str], None]
+) -> None:
+    """Tag the runs with verdicts, if the store can be reached."""
+    try:
+        tag_verdicts(sweep, verdicts, store)
+    except StoreDown as error:
+        say(
+            f"The store is down: its runs have no tags of verdicts; the same command sets them. {error}"
+        )
 
 
 def report(

@@ -1,4 +1,4 @@
-"""Anchors of VoxelNet: the grid, the matching and the box code (Zhou and Tuzel 2018, §2.1.2 and §3.1)."""
+"""Anchors of VoxelNet: the grid, the matching and the box code (Zhou and Tuzel 2018, §2.2 and §3.1)."""
 
 from __future__ import annotations
 

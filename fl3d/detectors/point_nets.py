@@ -28,7 +28,7 @@ def head(c_in: int, widths: Sequence[int], c_out: int, norm: bool, dropout: floa
 
 @dataclass(frozen=True)
 class Refinement:
-    """The second stage (§3.3, §3.4).
+    """The second stage (§3.2, §3.3).
 
     Args:
         search: of the box code, metres.

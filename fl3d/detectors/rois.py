@@ -1,6 +1,6 @@
 """Regions of interest of a two-stage detector: chosen among proposals, and drawn for training.
 
-Shi, Wang, Li: PointRCNN: 3D Object Proposal Generation and Detection from Point Cloud. CVPR 2019, §3.3 and §3.4.
+Shi, Wang, Li: PointRCNN: 3D Object Proposal Generation and Detection from Point Cloud. CVPR 2019, §3.2 and §3.3.
 Boxes are ``boxes_velo`` throughout, in NumPy: a hundred boxes are work for a CPU.
 """
 

@@ -13,7 +13,7 @@ which machine and from which data. `make report` makes one page of them, with al
 for each level a verdict by its gain over the baseline, from three seeds of training on.
 """
 VERDICTS = "_verdicts-"  # in the names of their tables
-PICTURES = ("ap_over_level_*", "ap_over_steps_*", "figure_4", "figure_5")
+PICTURES = ("ap_over_level_*", "ap_over_cut_*", "ap_over_steps_*", "figure_4", "figure_5")
 
 
 def write_index(results: Path) -> Path:

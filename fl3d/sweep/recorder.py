@@ -123,9 +123,15 @@ class Recorder:
         return True
 
     def attach(self, files: list[Path], folder: str) -> None:
-        """Put the sweep's tables and figures beside every trial."""
-        for run in self.runs:
-            self.store.log_files(run, files, folder)
+        """Put the sweep's tables and figures beside every trial, if the store can be reached."""
+        try:
+            for run in self.runs:
+                self.store.log_files(run, files, folder)
+        except StoreDown as error:
+            self.say(
+                f"The store is down: tables and figures are on disk and not beside the runs; the same command adds "
+                f"them. {error}"
+            )
 
     def interrupt(self) -> None:
         """Close the runs of trials that are not done, if the store can be reached; the next start opens them again."""

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fl3d.analysis.found import judge_sweep
-from fl3d.papers.focal_loss.claims import gains_by_detector
+from fl3d.papers.focal_loss.claims import differences, gains_over_zero, models_by_gamma
 from fl3d.reports.table import AP_COLUMNS
 from tests.analysis.making import detected_sweep, without
 
@@ -21,7 +21,8 @@ def test_gains_are_those_of_the_sweep_over_gamma_zero(simulated: Path, tmp_path:
     )
     some = without(sweep, lambda trial: trial.level == "1" and trial.seed == 1)
     judged = judge_sweep(some, n_resamples=50)
-    gains = gains_by_detector(some, judged.samples)["3D-FCN"]
+    models = models_by_gamma(some, judged.samples)["3D-FCN"]
+    gains = gains_over_zero(models)
     assert set(gains) == {"R11", "R40"}
     assert set(gains["R40"]) == {(1.0, column) for column in AP_COLUMNS}
     found = judged.gains.set_index(["level", "metric", "difficulty", "average"])["gain"]
@@ -32,3 +33,8 @@ def test_gains_are_those_of_the_sweep_over_gamma_zero(simulated: Path, tmp_path:
             over_one = found["0", metric, difficulty, average]
             assert gain.values[0] == pytest.approx(-over_one)
     assert any(gain.values[0] < 0 for gain in gains["R40"].values())
+    turned = {0.0: models[1.0], 1.0: models[0.0]}  # as if of another detector
+    apart = differences(models, turned)
+    for column in AP_COLUMNS:
+        assert apart[1.0, column].values == pytest.approx(gains["R40"][1.0, column].values)
+        assert apart[0.0, column].values == pytest.approx(-gains["R40"][1.0, column].values)

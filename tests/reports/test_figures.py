@@ -91,6 +91,15 @@ def test_long_bars_leave_the_panel_and_curves_stay_legible() -> None:
     plt.close(figure)
 
 
+def test_a_bar_reaches_from_end_to_end_where_the_value_lies_outside() -> None:
+    ends = {"ap_3d/moderate": [50.0], "ap_3d/moderate low": [52.0], "ap_3d/moderate high": [58.0]}
+    figure, axes = plt.subplots()
+    curves._bars(axes, np.array([0.0]), pd.DataFrame(ends), "black")
+    (bar,) = axes.collections
+    assert bar.get_segments()[0].tolist() == [[0, 52], [0, 58]]
+    plt.close(figure)
+
+
 @EVERY
 def test_intervals_become_bars(levels: Levels, tmp_path: Path) -> None:
     scores = tidy_scores(levels.labels, seeds=(0, 1))

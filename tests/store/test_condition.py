@@ -9,6 +9,7 @@ import sqlalchemy as sa
 
 from fl3d.core.errors import StoreError
 from fl3d.store.base import Scored
+from fl3d.store.mlflow.condition import shown
 from fl3d.store.mlflow.connection import outages
 from fl3d.store.mlflow.tracking import MlflowStore
 
@@ -107,3 +108,18 @@ def test_an_empty_file_becomes_a_store(root: Path) -> None:
     store.open()
     assert store.experiment("sweep", "note")
     assert store.read("sweep").empty
+
+
+@pytest.mark.parametrize(
+    ("uri", "text"),
+    [
+        (
+            "postgresql+psycopg2://me:secret@host:5/db?connect_timeout=10",
+            "postgresql://me:***@host:5/db",
+        ),
+        ("sqlite:////store/mlflow.db", "/store/mlflow.db"),
+        ("http://host:5000", "http://host:5000"),
+    ],
+)
+def test_an_address_is_shown_as_it_was_typed(uri: str, text: str) -> None:
+    assert shown(uri) == text

@@ -1,7 +1,7 @@
 """From run folders to the store: each checkpoint once for every trial, whatever goes wrong."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,10 @@ class FlakyStore(MemoryStore):
         self._check()
         self.logged.append((run, scored.step))
         super().log(run, scored)
+
+    def log_files(self, run: str, files: Iterable[Path], folder: str) -> None:
+        self._check()
+        super().log_files(run, files, folder)
 
     def end(self, run: str, status: RunStatus) -> None:
         self._check()
@@ -428,3 +432,15 @@ def test_a_checkpoint_of_the_same_tick_as_the_one_before_is_seen(bench: Bench) -
     bench.checkpoint("warmup", 4)
     os.utime(folder, ns=(before.st_atime_ns, before.st_mtime_ns))
     assert bench.recorder.scores.steps("warmup") == [2, 4]
+
+
+def test_tables_stay_on_disk_while_the_store_is_down(bench: Bench, tmp_path: Path) -> None:
+    """All is trained and logged: an outage as a sweep ends is no error."""
+    bench.trained()
+    bench.sync(DONE, DONE)
+    bench.store.is_down = True
+    bench.recorder.attach([tmp_path / "table.md"], "results")
+    assert bench.said[-1].startswith("The store is down: tables and figures are on disk")
+    bench.store.is_down = False
+    bench.recorder.attach([tmp_path / "table.md"], "results")
+    assert bench.run(0).files["results"] == ["table.md"]

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from fl3d.analysis.found import Judged
 from fl3d.analysis.samples import AVERAGES, CELLS, Resampled, Samples, paired
 from fl3d.evaluation.intervals import Sample
-from fl3d.inference.windows import windows_of
+from fl3d.inference.windows import Windows, windows_of
 from fl3d.papers.base import with_values
 from fl3d.papers.focal_loss.best_model_claims import best_claim, step_claims
 from fl3d.papers.focal_loss.claim import Claim, claims_table
+from fl3d.papers.focal_loss.concentration_claims import Carried, carried, concentration_claims
 from fl3d.papers.focal_loss.gain_claims import Gains, GainsByAverage, gain_claims
 from fl3d.papers.focal_loss.network_claims import network_claims
+from fl3d.papers.focal_loss.order_claim import order_claim
 from fl3d.papers.focal_loss.posterior_claims import (
     Peak,
     half_claim,
@@ -26,6 +28,7 @@ from fl3d.papers.focal_loss.tables import GAMMA, best_pairs, gamma_of, is_over_g
 from fl3d.reports.table import AP_COLUMNS, Table
 from fl3d.runs.finished import FinishedSweep
 
+R40 = AVERAGES.index("R40")
 NOTES = (
     "What ours are is said below each table; 3D-FCN and VoxelNet at full size where windows and layers count.",
     "Ours of a gain: the value and an interval that it lies in with all gains that its sentence ranges over (95 %, "
@@ -43,20 +46,39 @@ def claims_of(sweep: FinishedSweep, judged: Judged | None) -> Table | None:
     """
     if not is_over_gamma(sweep):
         return None
-    gains = {} if judged is None else gains_by_detector(sweep, judged.samples)
+    models = {} if judged is None else models_by_gamma(sweep, judged.samples)
+    gains = {detector: gains_over_zero(gammas) for detector, gammas in models.items()}
     claims = gain_claims(gains, sweep.plan.looks)
+    order = differences(models.get("VoxelNet", {}), models.get("3D-FCN", {}))
+    claims.append(order_claim(order, sweep.plan.looks))
     claims += [best_claim(best_pairs(sweep)), *step_claims()]
-    claims += [_half_of_loss(sweep), *_peaks(sweep), *network_claims(sweep)]
+    claims += [_half_of_loss(sweep)]
+    claims += concentration_claims(_carried(sweep, "3D-FCN"), _carried(sweep, "VoxelNet"))
+    claims += [*_peaks(sweep), *network_claims(sweep)]
     return claims_table(claims, NOTES)
 
 
-def gains_by_detector(sweep: FinishedSweep, samples: Samples) -> dict[str, GainsByAverage]:
-    """Gains of last models over gamma = 0, of each detector of which that is done."""
+def models_by_gamma(
+    sweep: FinishedSweep, samples: Samples
+) -> dict[str, dict[float, dict[int, Resampled]]]:
+    """Last models by detector, gamma and seed."""
     found: dict[str, dict[float, dict[int, Resampled]]] = {}
     for trial in sweep.trials:
         own = found.setdefault(trial.detector, {}).setdefault(gamma_of(trial.plan), {})
         own[trial.seed] = samples[trial.group][trial.level][trial.seed]
-    return {detector: gains_over_zero(gammas) for detector, gammas in found.items()}
+    return found
+
+
+def differences(
+    one: Mapping[float, Mapping[int, Resampled]], other: Mapping[float, Mapping[int, Resampled]]
+) -> dict[tuple[float, str], Sample]:
+    """AP of one detector's last models less another's of the same gamma, in R40, by the seeds that both have."""
+    return {
+        (gamma, column): paired(by_seed, other[gamma], CELLS.index(_cell(column)), R40)[1]
+        for gamma, by_seed in sorted(one.items())
+        if set(by_seed) & set(other.get(gamma, {}))
+        for column in AP_COLUMNS
+    }
 
 
 def gains_over_zero(gammas: Mapping[float, Mapping[int, Resampled]]) -> GainsByAverage:
@@ -85,18 +107,31 @@ def _cell(column: str) -> tuple[str, str]:
 
 def _half_of_loss(sweep: FinishedSweep) -> Claim:
     """Of every seed of 3D-FCN's best focal model."""
+    gamma, models = _best_focal(sweep, "3D-FCN")
+    shares = [
+        (hardest_share(one.positive, 0.0), hardest_share(one.positive, gamma)) for one in models
+    ]
+    return half_claim(gamma, shares)
+
+
+def _carried(sweep: FinishedSweep, detector: str) -> list[Carried]:
+    """Of every seed of a detector's best focal model."""
+    return [carried(one.positive, one.negative) for one in _best_focal(sweep, detector)[1]]
+
+
+def _best_focal(sweep: FinishedSweep, detector: str) -> tuple[float, Iterator[Windows]]:
+    """Gamma of a detector's best focal model, and the windows of each of its seeds; none where there is none."""
     pairs = best_pairs(sweep)
-    pairs = pairs[(pairs["detector"] == "3D-FCN") & (pairs["gamma"] > 0)] if len(pairs) else pairs
+    pairs = pairs[(pairs["detector"] == detector) & (pairs["gamma"] > 0)] if len(pairs) else pairs
     if pairs.empty:
-        return half_claim(0.0, [])
+        return 0.0, iter(())
     gamma = float(pairs.iloc[0]["gamma"])
     chosen = with_values(sweep, sweep.select("best"), {"gamma": GAMMA})
-    chosen = chosen[(chosen["detector"] == "3D-FCN") & (chosen["gamma"].astype(float) == gamma)]
-    shares = []
-    for key, step in zip(chosen["trial"], chosen["step"], strict=True):
-        logits = windows_of(sweep, sweep.trial(str(key)).holder(int(step)), int(step)).positive
-        shares.append((hardest_share(logits, 0.0), hardest_share(logits, gamma)))
-    return half_claim(gamma, shares)
+    chosen = chosen[(chosen["detector"] == detector) & (chosen["gamma"].astype(float) == gamma)]
+    return gamma, (
+        windows_of(sweep, sweep.trial(str(key)).holder(int(step)), int(step))
+        for key, step in zip(chosen["trial"], chosen["step"], strict=True)
+    )
 
 
 def _peaks(sweep: FinishedSweep) -> list[Claim]:

@@ -125,9 +125,10 @@ def _keep_in_sight(axes: Axes, aps: np.ndarray) -> None:
 
 
 def _bars(axes: Axes, places: np.ndarray, own: pd.DataFrame, color: str) -> None:
-    aps = own[METRIC].to_numpy()
-    bars = np.maximum(0, [aps - own[f"{METRIC} low"], own[f"{METRIC} high"] - aps])
-    axes.errorbar(places, aps, bars, fmt="none", ecolor=color, elinewidth=0.7, capsize=1.5)
+    """From end to end of the intervals; the value itself may lie outside, as that of resamples can."""
+    low, high = own[f"{METRIC} low"].to_numpy(), own[f"{METRIC} high"].to_numpy()
+    middle, half = (low + high) / 2, (high - low) / 2
+    axes.errorbar(places, middle, half, fmt="none", ecolor=color, elinewidth=0.7, capsize=1.5)
 
 
 def _with_intervals(means: pd.DataFrame, gains: pd.DataFrame) -> pd.DataFrame:

@@ -20,13 +20,16 @@ AGAIN = "every score lies in the run folders too: the sweep's command logs them 
 
 
 def shown(uri: str) -> str:
-    """A store's address without its password; of a file its path."""
+    """A store's address as it was typed, without its password, driver and limits of waiting; of a file its path."""
     try:
         url = sa.engine.make_url(uri)
     except sa.exc.ArgumentError:
         return uri
     is_file = url.drivername.startswith("sqlite")
-    return str(url.database) if is_file else url.render_as_string(hide_password=True)
+    if is_file:
+        return str(url.database)
+    plain = url.set(drivername=url.get_backend_name()) if "+" in url.drivername else url
+    return plain.set(query={}).render_as_string(hide_password=True)
 
 
 def check_owner(connection: sa.Connection, uri: str) -> None:
