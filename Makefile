@@ -1,5 +1,5 @@
 # fl3d: `make help` lists what there is. Everything runs in .venv, which is made at first use.
-# Options: DATA=simulated|kitti_sample|kitti  KITTI=folder  PROFILE=quick|tiny|standard|paper  SEEDS=5  ARGS="any Hydra overrides"
+# Options: DATA=simulated|simulated_people|kitti_sample|kitti  KITTI=folder  PROFILE=quick|tiny|standard|paper  SEEDS=5  ARGS="any Hydra overrides"
 # PIP_ARGS goes to pip, such as --find-links FOLDER for a torch wheel of your own (the usual one brings CUDA along).
 
 PYTHON ?= python3
@@ -18,7 +18,7 @@ export OMP_NUM_THREADS := 1
 .PHONY: help install sweep-% sweep-pointrcnn sweep-frustum sweep-report plan tables gains figures report publish ui check format test test-slow test-slurm test-ray test-postgres clean
 
 help:  ## list the targets
-	@echo "Targets (options: DATA=simulated|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|standard|paper SEEDS=5 ARGS='...'):"
+	@echo "Targets (options: DATA=simulated|simulated_people|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|standard|paper SEEDS=5 ARGS='...'):"
 	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/%/NAME/' | expand -t 16 | sed 's/^/  /'
 	@echo "Sweeps (make sweep-NAME):" $(basename $(notdir $(wildcard sweeps/*.yaml)))
 

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from fl3d.commands.words import parser
+from fl3d.simulator.crowds import MOST
 from fl3d.simulator.generate import Settings, write_folder
 
 
@@ -52,6 +53,13 @@ def run(arguments: list[str]) -> None:
         help="clouds all around, not only what the camera sees",
     )
     options.add_argument(
+        "--people",
+        type=_rate,
+        metavar="RATE",
+        help=f"pedestrians and cyclists as in KITTI, RATE times as often, up to {MOST:g} "
+        "(default: the streets of data=simulated, which have some)",
+    )
+    options.add_argument(
         "--workers",
         type=_at_least_one,
         metavar="N",
@@ -67,6 +75,7 @@ def run(arguments: list[str]) -> None:
         seed=given.seed,
         pictures=not given.no_pictures,
         whole_turn=given.whole_turn,
+        people=given.people,
     )
     write_folder(given.out, settings, given.workers)
     print(given.out)
@@ -76,6 +85,16 @@ def _count(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 0")
     return int(text)
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 0 < rate <= MOST:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number above 0 and at most {MOST:g}")
+    return rate
 
 
 def _at_least_one(text: str) -> int:

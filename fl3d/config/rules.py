@@ -17,7 +17,11 @@ SECTIONS = (
     *("data", "data.cloud", "detections", "detector", "profile", "protocol", "selection", "store"),
     *("sweep", "schedule", "schedule.epochs", "schedule.stages"),
 )
-OPTIONAL = ("data.cloud*", "data.image_size")  # came later than YAMLs that users may have
+OPTIONAL = (
+    "data.cloud*",
+    "data.image_size",
+    "data.people",
+)  # came later than YAMLs that users may have
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ def _number(says: str, fits: Callable[[float], bool]) -> Rule:
     return Rule(f"a number {says}", lambda value: is_number(value) and fits(value))
 
 
+PEOPLE = _number("above 0 and at most 3", lambda value: 0 < value <= 3)
 ABOVE_0 = _number("above 0", lambda value: value > 0)
 FROM_0 = _number("of at least 0", lambda value: value >= 0)
 SHARE = _number("from 0 to 1", lambda value: 0 <= value <= 1)
@@ -129,6 +134,7 @@ RULES: dict[str, Rule] = {
     "data.cloud.reflectance_scale": ABOVE_0,
     "data.image_size": ANY,  # read by ``data.pictures.checked_size``
     "data.cache_frames": _whole(0),
+    "data.people": PEOPLE.or_null(),
     "data.mapping": TEXT.or_null(),
     "profile.name": SCALAR,
     "schedule.batch_size": COUNT,

@@ -37,6 +37,7 @@ class DataSettings:
         cloud: how clouds are read.
         image_size: (width, height) in pixels of frames that have no picture; None: by their calibration.
         cache_frames: kept in memory by each process.
+        people: how many times as often as in KITTI simulated frames have people; None: as the published ones.
         mapping: folder of KITTI's mapping of frames to drives; None: ``mapping`` below ``root``.
     """
 
@@ -54,6 +55,7 @@ class DataSettings:
     image_size: tuple[int, int] | None
     cache_frames: int
     mapping: Path | None
+    people: float | None = None
 
     def folder(self, root: Path) -> KittiFolder:
         """A KITTI folder, read as the config says."""

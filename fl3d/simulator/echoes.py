@@ -18,19 +18,19 @@ from fl3d.simulator.hdl64 import (
     is_blind,
     ray,
 )
-from fl3d.simulator.materials import DENSITY, GLOSS, LOSS, TABLE
-from fl3d.simulator.noise import smooth_noise
+from fl3d.simulator.materials import DARK, DENSITY, GLOSS, LOSS, TABLE
 from fl3d.simulator.solids import MATERIAL, REFLECTANCE, Float, Int, Solids, normal_at
-from fl3d.simulator.terrain import Ground
+from fl3d.simulator.terrain import Ground, bumps
 
 FAINT = 6e-6  # reflectance x cosine / range^2 below which most echoes are lost
 DIM = 2.6e-5  # and below which they have no strength: the ground's beyond 25 m
 SHINY = 20.0  # how much sooner paint and metal look black: half the points on cars have no strength
-DARK = 0.1  # share of echoes, but for the ground's, that have none anyway
 WEAK = (35, 36, 42)  # lasers whose echoes come out as dark
 GROUND_REFLECTANCE = 0.29
 _GAINS = np.where(np.isin(np.arange(64), WEAK), 0.15, 1.0)
 GROUND = -1  # owner of what is no object
+MEETINGS, FARTHEST = 2, 2.0  # steps to where a ray meets uneven ground; metres that it may move
+QUIETER = 0.28  # share of the range's noise that is the road's unevenness where that is a surface
 EDGE = 1.5  # metres, half a pulse: closer echoes of one beam are told as one
 MIXED = 0.3  # share of the beams at such an edge whose echo lies between both surfaces
 
@@ -104,15 +104,20 @@ def listen(
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _bumps(point: Float, road: Float) -> float:
-    """Height of the ground's unevenness, metres: worn asphalt on the road, higher and rougher beside it."""
-    across = point[1] - road[0] - road[1] * point[0] - road[2] * point[0] * point[0]
-    beside = max(0.0, across - road[3], road[4] - across)
-    verge = min(1.0, beside / 3)
-    x, y = point[0] + road[7], point[1] + road[8]
-    wave = road[5] * verge * (0.7 + 0.6 * smooth_noise(x, y, 9.0))
-    return (0.02 + road[6] * verge) * smooth_noise(x, y, 1.3) + wave
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _meet_bumps(t: float, o: Float, d: Float, ground: Float, road: Float, point: Float) -> float:
+    """Where a ray that meets the even ground at ``t`` (at ``point``) meets the uneven one, to first order."""
+    sink = (
+        (ground[1] + 2 * ground[3] * point[0]) * d[0]
+        + (ground[2] + 2 * ground[3] * point[1]) * d[1]
+        - d[2]
+    )
+    shift = 0.0
+    for _ in range(MEETINGS):
+        for axis in range(3):
+            point[axis] = o[axis] + (t - shift) * d[axis]
+        shift = min(max(bumps(point, road) / max(sink, 0.01), -FARTHEST), FARTHEST)
+    return t - shift
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -154,16 +159,16 @@ def _listen(
             for axis in range(3):
                 point[axis] = o[axis] + t * d[axis]
             if s < 0:
-                reflectance, gloss, loss = GROUND_REFLECTANCE, 0.0, 0.002
+                reflectance, gloss, loss, dark = GROUND_REFLECTANCE, 0.0, 0.002, 0.0
                 cosine = abs(d[2] - ground[1] * d[0] - ground[2] * d[1])
-                rise = _bumps(point, road)
+                if road[9] > 0:
+                    t = _meet_bumps(t, o, d, ground, road, point)
+                else:
+                    rise = bumps(point, road)
             else:
                 material = int(parts[s, MATERIAL])
-                reflectance, gloss, loss = (
-                    parts[s, REFLECTANCE],
-                    table[material, GLOSS],
-                    table[material, LOSS],
-                )
+                reflectance, dark = parts[s, REFLECTANCE], table[material, DARK]
+                gloss, loss = table[material, GLOSS], table[material, LOSS]
                 cosine = 0.7
                 if table[material, DENSITY] == 0:
                     nx, ny, nz = normal_at(planes[s], counts[s], through[row, column], point)
@@ -171,17 +176,19 @@ def _listen(
             power = reflectance * ((1 - gloss) * cosine + gloss * cosine**4) / (t * t)
             if draws[0, row, column] < loss or power < -FAINT * np.log(1 - draws[1, row, column]):
                 continue
-            far = t + RANGE_NOISE * (1 + t / 40) * noise[0, row, column]
+            far = t + RANGE_NOISE * (1 - QUIETER * road[9]) * (1 + t / 40) * noise[0, row, column]
             if column + 1 < n_columns:
                 step = reach[row, column + 1] - t
                 if 0.1 < abs(step) < EDGE and s >= 0 and draws[2, row, column] < MIXED:
                     far += step * draws[2, row, column] / MIXED
+            if road[9] > 0 and far > MAX_RANGE:
+                continue
             points[n, 0] = o[0] + far * d[0]
             points[n, 1] = o[1] + far * d[1]
             points[n, 2] = o[2] + far * d[2] + rise
             strength = reflectance * (0.75 + 0.35 * cosine) * (1 + 0.22 * noise[1, row, column])
             dim = DIM * (1 + SHINY * gloss) * np.exp((0.5 + 2 * gloss) * noise[2, row, column])
-            if power * weakness[row] < dim or (s >= 0 and draws[0, row, column] > 1 - DARK):
+            if power * weakness[row] < dim or draws[0, row, column] > 1 - dark:
                 strength = 0.0
             points[n, 3] = np.float32(round(min(max(strength, 0.0), 0.99) * 100)) / np.float32(100)
             owner[n] = owners[s] if s >= 0 else GROUND

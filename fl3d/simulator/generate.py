@@ -49,6 +49,9 @@ PICTURE_SEED, DETECTIONS_SEED = (
 )  # so that a frame's cloud is the same with or without its picture
 
 
+Told = dict[str, int | float | bool]  # what a folder says of itself
+
+
 @dataclass(frozen=True)
 class Settings:
     """What a simulated folder holds.
@@ -59,6 +62,8 @@ class Settings:
         seed: of all randomness.
         pictures: whether ``image_2`` is rendered.
         whole_turn: whether clouds go all around; else the part that the camera sees, and a little more.
+        people: how many times as often as in KITTI there are pedestrians and cyclists; None: the streets that the
+            published results were made from.
     """
 
     train: int
@@ -66,11 +71,13 @@ class Settings:
     seed: int = 0
     pictures: bool = False
     whole_turn: bool = False
+    people: float | None = None
 
     @property
     def name(self) -> str:
         """Folder name; another version of the simulator gets another one."""
         extras = ("-pictures" if self.pictures else "") + ("-whole" if self.whole_turn else "")
+        extras += "" if self.people is None else f"-people{self.people:g}"
         return f"v{VERSION}-{self.train}-{self.val}-seed{self.seed}{extras}"
 
 
@@ -155,13 +162,16 @@ def _write_frames(folder: Path, settings: Settings, total: int, workers: int | N
     )
 
 
-def _tell(settings: Settings) -> dict[str, int | bool]:
-    return {"simulator": VERSION, **asdict(settings)}
+def _tell(settings: Settings) -> Told:
+    told = asdict(settings)
+    if settings.people is None:
+        del told["people"]  # came later than folders that are kept
+    return {"simulator": VERSION, **told}
 
 
-def _told(path: Path, folder: Path) -> dict[str, int | bool]:
+def _told(path: Path, folder: Path) -> Told:
     try:
-        told: dict[str, int | bool] = json.loads(path.read_text(encoding="utf-8"))
+        told: Told = json.loads(path.read_text(encoding="utf-8"))
     except ValueError:
         raise DataError("is no record of the simulator; give another folder", path) from None
     return told
@@ -220,7 +230,7 @@ def _write_frame(folder: Path, settings: Settings, index: int) -> None:
     """Write one frame; its label file comes last."""
     rng = np.random.default_rng([settings.seed, index])
     half_view = 180.0 if settings.whole_turn else CAMERA_VIEW
-    site = random_scene(rng, half_view)
+    site = random_scene(rng, half_view, settings.people)
     solids = site.solids()
     returns = scan(solids, len(site.things), site.ground, rng, half_view)
     labels = annotate(site.things, returns, CALIBRATION, IMAGE_SIZE, rng)

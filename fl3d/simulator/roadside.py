@@ -303,6 +303,12 @@ def bicycles(rng: Rng) -> Parts:
     return np.stack(parts)
 
 
+def table(rng: Rng) -> Parts:
+    """A small table on one foot, as before a café."""
+    top = box((0.7, 0.7, 0.04), WOOD, at=(0.0, 0.0, rng.uniform(0.68, 0.76)))
+    return np.stack([top, box((0.08, 0.08, 0.7), METAL), box((0.4, 0.4, 0.04), METAL)])
+
+
 def heap(rng: Rng) -> Parts:
     """Earth, sand, rubble or cut branches."""
     parts = []

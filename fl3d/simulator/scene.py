@@ -7,25 +7,34 @@ from dataclasses import replace
 import numpy as np
 
 from fl3d.simulator import roadside
+from fl3d.simulator.crowds import PEOPLED, Crowd, Layout, Mood, draw_mood, street_of
 from fl3d.simulator.hdl64 import CAMERA_VIEW
-from fl3d.simulator.site import FAR, PIECE, Site
-from fl3d.simulator.streets import STREETS, Street
+from fl3d.simulator.site import FAR, KINDS, PIECE, Site
+from fl3d.simulator.streets import STREETS, Street, pick
 from fl3d.simulator.terrain import Ground, Road
-from fl3d.simulator.verge import Verge, pick
+from fl3d.simulator.verge import Verge
 
 TRAM_SHARE = 0.04  # of the lanes of streets that may have a wide median, as city streets have
 DEEP = {0: 2.1, 45: 4.9, 90: 5.0}  # metres that a row takes, by its angle to the road in degrees
 OWN_LANE_EMPTY = 0.69  # KITTI: 31 % of the frames have a car ahead in our lane
 
 
-def random_scene(rng: np.random.Generator, half_view: float = CAMERA_VIEW) -> Site:
-    """A scene; depends on nothing but the generator and the view.
+def random_scene(
+    rng: np.random.Generator, half_view: float = CAMERA_VIEW, people: float | None = None
+) -> Site:
+    """A scene; depends on nothing but the arguments.
 
     Args:
         rng: of every choice.
         half_view: degrees to either side that the LiDAR will look at. What the camera sees is the same in any case.
+        people: how many times as often as in KITTI there are people; None: the streets of the published results, where
+            they come by the kind of street alone.
     """
-    street = STREETS[pick({name: s.share for name, s in STREETS.items()}, rng)]
+    mood = None if people is None else draw_mood(people, rng)
+    if mood is None:
+        street = STREETS[pick({name: s.share for name, s in STREETS.items()}, rng)]
+    else:
+        street = street_of(mood, rng)
     # The road plane under the cars of KITTI's train split, as fitted frame by frame.
     ground = Ground(
         height=rng.normal(-1.72, 0.046),
@@ -39,9 +48,10 @@ def random_scene(rng: np.random.Generator, half_view: float = CAMERA_VIEW) -> Si
         rng.normal(0, 0.035),
         rng.normal(0, street.bend),
         min(half_view, CAMERA_VIEW) + 3,
+        KINDS if mood is None else PEOPLED,
     )
     around = rng.spawn(1)[0]
-    builder = _Builder(site, street)
+    builder = _Builder(site, street, mood)
     builder.fill(2.0)
     if half_view > CAMERA_VIEW:
         site.look_around(around)
@@ -52,8 +62,8 @@ def random_scene(rng: np.random.Generator, half_view: float = CAMERA_VIEW) -> Si
 class _Builder:
     """Fills a site: from the road outwards, so that what comes first has its place."""
 
-    def __init__(self, site: Site, street: Street) -> None:
-        self.site, self.street = site, street
+    def __init__(self, site: Site, street: Street, mood: Mood | None) -> None:
+        self.site, self.street, self.mood = site, street, mood
         self.crossing = site.rng.uniform(14, 55) if site.rng.random() < street.crossing else None
         self.lane = site.rng.uniform(*street.lane)
         self.same, oncoming = int(pick(street.same, site.rng)), int(pick(street.oncoming, site.rng))
@@ -85,6 +95,7 @@ class _Builder:
             rough=rng.uniform(0.02, 0.12 if wild else 0.05),
             origin_x=rng.uniform(0, 1000),
             origin_y=rng.uniform(0, 1000),
+            field=0.0 if self.mood is None else 1.0,
         )
 
     def fill(self, start: float) -> None:
@@ -94,14 +105,25 @@ class _Builder:
         self._lanes()
         if self.crossing is not None:
             self._cross(self.crossing)
-        for side in (1, -1):
-            angle, kerb = self.rows[side], self.kerbs[side]
-            if angle is not None:
-                self._park(side, self.edges[side] + side * DEEP[angle] / 2, angle)
-            pavement = self.verge.pave(side, kerb)
-            self._people(side, kerb)
-            self.verge.build(side, kerb, pavement)
+        if self.mood is None:
+            for side in (1, -1):
+                pavement = self._edge(side)
+                self._people(side, self.kerbs[side])
+                self.verge.build(side, self.kerbs[side], pavement)
+        else:
+            pavements = {side: self._edge(side) for side in (1, -1)}
+            layout = Layout(self.edges, self.kerbs, pavements, self.crossing, start)
+            Crowd(self.site, self.mood, layout).fill()
+            for side in (1, -1):
+                self.verge.build(side, self.kerbs[side], pavements[side])
         self.verge.close(self.edges[-1], self.edges[1])
+
+    def _edge(self, side: int) -> float:
+        """The parked row of a side and its pavement, whose width is returned."""
+        angle = self.rows[side]
+        if angle is not None:
+            self._park(side, self.edges[side] + side * DEEP[angle] / 2, angle)
+        return self.verge.pave(side, self.kerbs[side])
 
     def _kind(self) -> str:
         return pick(self.street.kinds, self.rng)

@@ -5,7 +5,7 @@ Things are placed in road coordinates: ``along`` the road from the LiDAR, ``acro
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numba
@@ -31,12 +31,16 @@ class Kind:
         spread: their standard deviations.
         correlation: of height with width, height with length, and width with length.
         make: its parts, for a size.
+        inset: metres by which the body is shorter, narrower and lower than its box: means, and standard deviations.
+        lift: metres from the ground to the box's bottom.
     """
 
     mean: tuple[float, float, float]
     spread: tuple[float, float, float]
     correlation: tuple[float, float, float]
     make: Callable[[Size, np.random.Generator], Parts]
+    inset: tuple[Size, Size] | None = None
+    lift: float = 0.0
 
     def draw(self, rng: np.random.Generator) -> Size:
         """A size: length, width, height."""
@@ -47,13 +51,22 @@ class Kind:
         )
         return float(length), float(w), float(h)
 
+    def body(self, size: Size, rng: np.random.Generator) -> Size:
+        """The body within a box of this size."""
+        if self.inset is None:
+            return size[0], size[1], size[2] + self.lift
+        margin = np.clip(rng.normal(*self.inset), -0.05, 0.25)
+        return float(size[0] - margin[0]), float(size[1] - margin[1]), float(size[2] - margin[2])
 
+
+# The outermost points on KITTI's cars lie 2 cm behind the box's sides, 4 behind its ends and 6 below its top.
+INSET = ((0.03, 0.06, 0.01), (0.06, 0.04, 0.02))
 KINDS = {
-    "Car": Kind((1.53, 1.62, 3.89), (0.138, 0.106, 0.44), (0.24, 0.19, 0.36), vehicles.car),
-    "Van": Kind((2.19, 1.91, 5.1), (0.318, 0.17, 0.75), (0.7, 0.8, 0.7), vehicles.van),
-    "Truck": Kind((3.36, 2.61, 9.2), (0.3, 0.2, 1.9), (0.54, 0.6, 0.6), vehicles.truck),
+    "Car": Kind((1.53, 1.62, 3.89), (0.138, 0.106, 0.44), (0.24, 0.19, 0.36), vehicles.car, INSET),
+    "Van": Kind((2.19, 1.91, 5.1), (0.318, 0.17, 0.75), (0.7, 0.8, 0.7), vehicles.van, INSET),
+    "Truck": Kind((3.36, 2.61, 9.2), (0.3, 0.2, 1.9), (0.54, 0.6, 0.6), vehicles.truck, INSET),
     "Tram": Kind((3.53, 2.36, 15.5), (0.13, 0.12, 3.0), (-0.5, -0.5, 0.14), vehicles.tram),
-    "Misc": Kind((1.9, 1.7, 3.2), (0.35, 0.3, 0.8), (0.2, 0.2, 0.6), vehicles.trailer),
+    "Misc": Kind((1.9, 1.7, 3.2), (0.35, 0.3, 0.8), (0.2, 0.2, 0.6), vehicles.trailer, INSET),
     "Pedestrian": Kind(
         (1.77, 0.63, 0.82), (0.12, 0.12, 0.22), (0.19, 0.33, 0.08), people.pedestrian
     ),
@@ -88,6 +101,7 @@ class Site:
         heading: of the road at the LiDAR, radians.
         bend: of the road, 1/metres.
         half_view: degrees to either side of the x axis that will be looked at; things elsewhere are left out.
+        kinds: what may be added, by name.
     """
 
     def __init__(
@@ -97,7 +111,9 @@ class Site:
         heading: float,
         bend: float,
         half_view: float,
+        kinds: Mapping[str, Kind] = KINDS,
     ) -> None:
+        self.kinds = kinds
         self.rng, self.ground, self.heading, self.bend = rng, ground, heading, bend
         self.things: list[Thing] = []
         self._parts: list[Parts] = []
@@ -149,14 +165,14 @@ class Site:
     def add(self, kind: str, along: float, across: float, turn: float, gap: float = 0.25) -> bool:
         """Put a road user down, unless it would stand in something."""
         x, y, road = self.locate(along, across)
-        wanted = KINDS[kind]
+        wanted = self.kinds[kind]
         size = wanted.draw(self.rng)
         if not self.seen(x, y, size[0] / 2) or not self._claim(
             x, y, road + turn, size[0] + gap, size[1] + gap
         ):
             return False
         z = self._put(
-            wanted.make(self._within(kind, size), self.rng),
+            wanted.make(wanted.body(size, self.rng), self.rng),
             x,
             y,
             road + turn,
@@ -164,19 +180,9 @@ class Site:
             self._lift(across),
         )
         loose = self.rng.normal(0, 0.02, 3)  # annotators' hands
-        at = (x + loose[0], y + loose[1], z + loose[2])
+        at = (x + loose[0], y + loose[1], z + wanted.lift + loose[2])
         self.things.append(Thing(kind, at, size, float(road + turn)))
         return True
-
-    def _within(self, kind: str, size: Size) -> Size:
-        """The body within a box.
-
-        The outermost points on KITTI's cars lie 2 cm behind the box's sides, 4 behind its ends and 6 below its top.
-        """
-        if kind not in ("Car", "Van", "Truck", "Misc"):
-            return size
-        margin = np.clip(self.rng.normal((0.03, 0.06, 0.01), (0.06, 0.04, 0.02)), -0.05, 0.25)
-        return float(size[0] - margin[0]), float(size[1] - margin[1]), float(size[2] - margin[2])
 
     def put(
         self,
@@ -220,8 +226,8 @@ class Site:
         return True
 
     def _put(self, parts: Parts, x: float, y: float, yaw: float, owner: int, lift: float) -> float:
-        z, slope_x, slope_y = self.ground.at(x, y)
-        z += lift
+        z, slope_x, slope_y = (self.ground.even if lift else self.ground).at(x, y)
+        z += lift  # a pavement is even
         self._parts.append(parts)
         self._placements += [(x, y, z, yaw, slope_x, slope_y)] * len(parts)
         self._owners += [owner] * len(parts)

@@ -5,8 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 Range = tuple[float, float]
 Weights = Mapping[str, float]
+
+
+def pick(weights: Mapping[str, float], rng: np.random.Generator) -> str:
+    """One of the names, at random by weight."""
+    draw = rng.random() * sum(weights.values())
+    for name, weight in weights.items():
+        draw -= weight
+        if draw < 0:
+            return name
+    return name
 
 
 @dataclass(frozen=True)
@@ -195,3 +207,25 @@ STREETS = {
         bend=0.003,
     ),
 }
+# Where people walk and few drive: of the streets, only those with many people have it (see ``crowds.py``).
+ZONE = Street(
+    share=0.0,
+    lane=(2.8, 4.0),
+    same={"1": 1.0},
+    oncoming={"0": 1.0},
+    median=(0.0, 0.0),
+    gaps=(60.0, 200.0),
+    parked=0.08,
+    angles={"0": 1.0},
+    filled=(0.1, 0.4),
+    crossing=0.2,
+    pavement=(2.0, 5.0),
+    people=0.0,
+    cyclists=0.0,
+    front={"none": 0.9, "wall": 0.1},
+    back={"building": 0.92, "none": 0.08},
+    setback=(2.5, 8.0),
+    clutter=8.0,
+    trees=4.0,
+    bend=0.003,
+)

@@ -10,17 +10,7 @@ from fl3d.simulator import roadside
 from fl3d.simulator.materials import PAVING
 from fl3d.simulator.site import FAR, PIECE, Site
 from fl3d.simulator.solids import Parts
-from fl3d.simulator.streets import Street
-
-
-def pick(weights: Mapping[str, float], rng: np.random.Generator) -> str:
-    """One of the names, at random by weight."""
-    draw = rng.random() * sum(weights.values())
-    for name, weight in weights.items():
-        draw -= weight
-        if draw < 0:
-            return name
-    return name
+from fl3d.simulator.streets import Street, pick
 
 
 class Verge:

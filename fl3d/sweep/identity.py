@@ -63,6 +63,7 @@ BOOKKEEPING = (
     "data.val_frames",
     "data.cache_frames",
     "data.mapping",
+    "data.people",
     "profile.*",
     "protocol.*",
     "schedule.save_every_steps",

@@ -43,7 +43,7 @@ def _settings(data: DataSettings) -> Settings:
         raise ConfigError(
             "data.train_frames, data.val_frames: a simulated dataset needs both numbers"
         )
-    return Settings(data.train_frames, data.val_frames, data.seed)
+    return Settings(data.train_frames, data.val_frames, data.seed, people=data.people)
 
 
 def prepare_data(data: DataSettings) -> PreparedData:

@@ -74,6 +74,8 @@ def test_no_number_of_the_config_may_be_another_thing(usual: Config, section: st
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
+        ("data.people", 0, "'0' is not a number above 0 and at most 3, or null"),
+        ("data.people", 3.5, "'3.5' is not a number above 0 and at most 3"),
         ("seed", None, "'null' is not a whole number of at least 0"),
         ("seed", 1.5, "'1.5' is not a whole number"),
         ("seed", 2**63, "and at most 9223372036854775807"),

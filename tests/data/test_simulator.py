@@ -1,5 +1,6 @@
 """The simulator: reproducible, labelled by KITTI's definitions, readable by the KITTI reader, and like KITTI."""
 
+import hashlib
 from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -62,6 +63,19 @@ def test_same_settings_same_bytes_whatever_the_workers_and_interruptions(tmp_pat
     write_folder(cut, settings, workers=1)
     assert files(cut) == whole
     assert (cut / "training/label_2/000008.txt").stat().st_mtime_ns == kept
+
+
+# Of the bytes of 4 + 2 frames, seed 0: the published results were made from such frames. Another kind of processor may
+# round a last bit otherwise; then its digest belongs beside this one, and this one stays.
+PUBLISHED = ("32d51ed43cd340af86dc60057c0e4bb38ab7c35342d463ba14cbbf6a55bc8a1b",)
+
+
+def test_the_default_frames_are_those_of_the_published_results(tmp_path: Path) -> None:
+    write_folder(tmp_path, Settings(4, 2), workers=1)
+    whole = hashlib.sha256()
+    for name, content in files(tmp_path).items():
+        whole.update(str(name).encode() + content)
+    assert whole.hexdigest() in PUBLISHED
 
 
 @pytest.mark.parametrize("kills", [2, 3])
