@@ -17,7 +17,7 @@ from fl3d.analysis.samples import (
     Samples,
     compare_sweep,
     pair_seeds,
-    resample_cell,
+    resample_mean,
     resample_sweep,
 )
 from fl3d.analysis.seed_cost import seed_minutes
@@ -67,9 +67,11 @@ def judge_sweep(sweep: FinishedSweep, rule: str = "last", n_resamples: int = N_R
     """
     compared = compare_sweep(sweep, rule)
     units = units_of(sweep)
-    samples = resample_sweep(compared, units.of_frames, n_resamples)
-    asked = sweep.settings.sweep
-    found = verdicts(samples, sweep.baseline, asked, sweep.plan.looks)
+    samples = resample_sweep(compared, units.of_frames, n_resamples, sweep.classes)
+    asked, primary = sweep.settings.sweep, samples
+    if sweep.primary_classes != sweep.classes:
+        primary = resample_sweep(compared, units.of_frames, n_resamples, sweep.primary_classes)
+    found = verdicts(primary, sweep.baseline, asked, sweep.plan.looks)
     return Judged(
         compared=compared,
         samples=samples,
@@ -122,7 +124,9 @@ def draw_trial(
         DataError: detections or labels cannot be read.
     """
     cell, average = primary_place(sweep.settings.sweep)
-    values, draws = resample_cell(sweep.comparison(trial), CELLS[cell], units, n_resamples)
+    values, draws = resample_mean(
+        sweep.comparison(trial), CELLS[cell], units, n_resamples, sweep.primary_classes
+    )
     return float(values[average]), draws[:, average]
 
 

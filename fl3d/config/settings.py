@@ -10,10 +10,11 @@ from typing import Any
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.names import check_name
 from fl3d.core.records import Config
+from fl3d.data.classes import CARS
 from fl3d.data.cloud_forms import CloudFormat
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.pictures import checked_size
-from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.protocol import Protocol, split_metric
 from fl3d.evaluation.selection import STAGES
 
 BY_HAND = "trials"  # the name of a sweep that was given none
@@ -85,7 +86,8 @@ class SweepSettings:
         factor: keys that are compared; empty: the swept keys other than ``detector`` and ``seed``.
         baseline: the level that the others are held against, as the user wrote it; None: the first.
         groups: keys whose values have a table each; None: the swept keys that are neither factor nor ``seed``.
-        primary: metric that is named before training, such as ``3d_r40/moderate``.
+        primary: metric that is named before training, such as ``3d_r40/moderate``; of several classes that is their
+            mean, and ``3d_r40/moderate/Pedestrian`` one of them.
         margin: gains below it do not matter, AP.
         tables: of papers, such as ``focal_loss.last_voxelnet``.
         after: a sweep whose winner's values this one keeps; None: none.
@@ -106,7 +108,12 @@ class SweepSettings:
     @property
     def metric(self) -> str:
         """View and difficulty of the primary metric: ``3d/moderate``."""
-        return self.primary.replace("_r40/", "/")
+        return split_metric(self.primary)[0].replace("_r40/", "/")
+
+    @property
+    def class_name(self) -> str | None:
+        """Class of the primary metric, where it names one of several; None: the one class, or the mean."""
+        return split_metric(self.primary)[1]
 
     @property
     def average(self) -> str:
@@ -178,7 +185,8 @@ class StageSettings:
         calibration: likewise.
         cloud: likewise.
         image_size: likewise.
-        max_boxes: stored of each frame.
+        classes: that it detects.
+        max_boxes: stored of each frame and class.
         min_score: of a stored box.
     """
 
@@ -191,6 +199,7 @@ class StageSettings:
     calibration: str
     cloud: CloudFormat
     image_size: tuple[int, int] | None
+    classes: tuple[str, ...]
     max_boxes: int
     min_score: float
 
@@ -208,7 +217,8 @@ def read_settings(config: Config) -> Settings:
     best_among = config["selection"]["stages"]
     if best_among not in STAGES:
         raise ConfigError(f"selection.stages: {options(best_among, STAGES)}")
-    protocol = Protocol(**config["protocol"])
+    protocol = Protocol(**config["protocol"], classes=tuple(config.get("classes", CARS)))
+    protocol.check_classes()
     check_name("protocol.name", protocol.name)
     return Settings(
         sweep=_sweep(config["sweep"], protocol),
@@ -236,6 +246,7 @@ def read_stage_settings(config: Config) -> StageSettings:
         calibration=config["data"]["calibration"],
         cloud=CloudFormat(**config["data"].get("cloud", {})),
         image_size=checked_size(config["data"].get("image_size")),
+        classes=tuple(config.get("classes", CARS)),
         max_boxes=config["detections"]["max_boxes"],
         min_score=config["detections"]["min_score"],
     )
@@ -281,7 +292,8 @@ def _sweep(section: Mapping[str, Any], protocol: Protocol) -> SweepSettings:
             "name": check_name("sweep.name", section["name"]),
             "factor": _keys(section["factor"]),
             "groups": None if groups is None else _keys(groups),
-            "tables": tuple(section["tables"]),
+            # Those of papers are of cars, as the papers'.
+            "tables": tuple(section["tables"]) if protocol.classes == CARS else (),
         }
     )
 

@@ -20,7 +20,7 @@ from fl3d.runs.spec import Machine, read_spec
 from fl3d.store.base import Store
 from fl3d.sweep.identity import reading
 from fl3d.sweep.notes import note
-from fl3d.sweep.pictures import draw_frame_with_most_cars
+from fl3d.sweep.pictures import draw_frame_with_most_objects
 from fl3d.sweep.places import check_places
 from fl3d.sweep.plan import DataInfo, Plan
 from fl3d.sweep.planner import Planner
@@ -221,7 +221,7 @@ def subject(prepared: Prepared, store: Store, scores: Scoreboard) -> Subject:
         data_root=prepared.data.root,
         tags={**made_by, "fl3d.evaluator": settings.protocol.id},
         files={"uncommitted.patch": changes} if changes else {},
-        draw=draw_frame_with_most_cars(
+        draw=draw_frame_with_most_objects(
             prepared.layout, prepared.kitti, scores.validation, settings.protocol
         ),
     )

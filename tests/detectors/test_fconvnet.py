@@ -260,7 +260,7 @@ def test_each_box_brings_the_2d_box_it_came_of(
     assert len(found.of(1)[0]) == 0
     assert len(found.scores) >= 9
     for index, frame_id in enumerate(found.frame_ids):
-        boxes, scores, images = found.of(index)
+        boxes, scores, images, _ = found.of(index)
         assert images is not None
         assert (np.diff(scores) <= 0).all()
         calibration = folder.read_calibration(frame_id)
