@@ -23,6 +23,8 @@ def why_no_classes(names: object) -> str:
             check_name("classes", name)
         except ConfigError as error:
             return f"names no class: {str(error).removeprefix('classes: ')}"
+        if "." in str(name):  # which would part the keys of a config
+            return f"names {name}, which holds a dot"
         right = kitti_spelling(str(name))
         if right == DONTCARE:
             return f"names {DONTCARE}, which is no class: such regions are left out"

@@ -190,6 +190,7 @@ def detect_labels(
         calibration=frame.calibration,
         image_size=frame.image_size,
         protocol=protocol,
+        types=found.types(detector.classes),
     )
 
 

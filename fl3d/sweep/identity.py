@@ -52,6 +52,7 @@ USUAL = {
     "data.cloud.reflectance_scale": 1,
     "data.image_size": None,
     "classes": ["Car"],
+    "detector.per_class": None,
 }
 # Keys that cannot. The frames themselves enter through the data's digest; scores carry their protocol's identity.
 BOOKKEEPING = (
@@ -100,13 +101,21 @@ def _kept(config: Config, wanted: Callable[[str], bool]) -> Config:
     """The leaves of a config whose dotted keys are wanted."""
     kept: Config = {}
     for key, value in leaves(config):
-        if wanted(key) and not (key in USUAL and value == USUAL[key]):
+        is_usual = (key in USUAL and value == USUAL[key]) or _is_of_other_class(key, config)
+        if wanted(key) and not is_usual:
             node = kept
             *parents, last = key.split(".")
             for part in parents:
                 node = node.setdefault(part, {})
             node[last] = value
     return kept
+
+
+def _is_of_other_class(key: str, config: Config) -> bool:
+    """Whether a dotted key is a detector's setting of a class that is not among those of the config."""
+    if not key.startswith("detector.per_class."):
+        return False
+    return key.split(".")[2] not in config.get("classes", ["Car"])
 
 
 def _is_within(key: str, names: Sequence[str]) -> bool:

@@ -22,8 +22,9 @@ from fl3d.sweep.identity import result_config
 from fl3d.sweep.plan import DataInfo, Plan, check_names, trial_stages
 from fl3d.sweep.sweepers.base import Point
 
-# Config sections that all trials of a sweep share: one dataset, one protocol, one store.
+# Keys and sections that all trials of a sweep share: one list of classes, one dataset, one protocol, one store.
 SHARED = (
+    "classes",
     "data",
     "protocol",
     "store",
@@ -158,7 +159,7 @@ class Planner:
 
     def _check_shared(self, point: Point) -> None:
         for key in SHARED:
-            if point.config[key] != self.base[key]:
+            if point.config.get(key) != self.base.get(key):
                 raise ConfigError(
                     f"{key}: all trials of a sweep must share it; run one sweep for each value"
                 )
