@@ -39,6 +39,7 @@ class DataSettings:
         image_size: (width, height) in pixels of frames that have no picture; None: by their calibration.
         cache_frames: kept in memory by each process.
         mapping: folder of KITTI's mapping of frames to drives; None: ``mapping`` below ``root``.
+        classes: that are detected.
     """
 
     name: str
@@ -55,10 +56,13 @@ class DataSettings:
     image_size: tuple[int, int] | None
     cache_frames: int
     mapping: Path | None
+    classes: tuple[str, ...] = CARS
 
     def folder(self, root: Path) -> KittiFolder:
         """A KITTI folder, read as the config says."""
-        return KittiFolder(root, self.crop, self.calibration, self.cloud, self.image_size)
+        return KittiFolder(
+            root, self.crop, self.calibration, self.cloud, self.image_size, self.classes
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,7 +209,9 @@ class StageSettings:
 
     def folder(self, root: Path) -> KittiFolder:
         """A KITTI folder, read as the stage reads it."""
-        return KittiFolder(root, self.crop, self.calibration, self.cloud, self.image_size)
+        return KittiFolder(
+            root, self.crop, self.calibration, self.cloud, self.image_size, self.classes
+        )
 
 
 def read_settings(config: Config) -> Settings:
@@ -222,7 +228,7 @@ def read_settings(config: Config) -> Settings:
     check_name("protocol.name", protocol.name)
     return Settings(
         sweep=_sweep(config["sweep"], protocol),
-        data=_data(config["data"]),
+        data=_data(config["data"], protocol.classes),
         store=_store(config["store"]),
         protocol=protocol,
         profile=check_name("profile.name", config["profile"]["name"]),
@@ -257,10 +263,11 @@ def stage_folder(config: Config, root: Path) -> KittiFolder:
     data = config["data"]
     cloud = CloudFormat(**data.get("cloud", {}))
     size = checked_size(data.get("image_size"))
-    return KittiFolder(root, data["crop"], data["calibration"], cloud, size)
+    classes = tuple(config.get("classes", CARS))
+    return KittiFolder(root, data["crop"], data["calibration"], cloud, size, classes)
 
 
-def _data(section: Mapping[str, Any]) -> DataSettings:
+def _data(section: Mapping[str, Any], classes: tuple[str, ...]) -> DataSettings:
     paths = {key: section[key] for key in ("root", "mapping")}
     read: dict[str, Any] = {
         key: None if path is None else Path(path) for key, path in paths.items()
@@ -268,6 +275,7 @@ def _data(section: Mapping[str, Any]) -> DataSettings:
     read["cloud"] = CloudFormat(**section.get("cloud", {}))
     read["image_size"] = checked_size(section.get("image_size"))
     read["name"] = check_name("data.name", section["name"])
+    read["classes"] = classes
     return DataSettings(**{**section, **read})
 
 
