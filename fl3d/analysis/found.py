@@ -23,6 +23,7 @@ from fl3d.analysis.samples import (
 from fl3d.analysis.seed_cost import seed_minutes
 from fl3d.analysis.verdicts import Pairs, judge, primary_place, verdicts
 from fl3d.evaluation.bootstrap import N_RESAMPLES
+from fl3d.evaluation.protocol import of_class
 from fl3d.runs.finished import FinishedSweep, FinishedTrial
 from fl3d.runs.units import Units, units_of
 
@@ -72,6 +73,8 @@ def judge_sweep(sweep: FinishedSweep, rule: str = "last", n_resamples: int = N_R
     if sweep.primary_classes != sweep.classes:
         primary = resample_sweep(compared, units.of_frames, n_resamples, sweep.primary_classes)
     found = verdicts(primary, sweep.baseline, asked, sweep.plan.looks)
+    if sweep.class_name is not None and not found.empty:
+        found = found.assign(metric=of_class(asked.primary, sweep.class_name))
     return Judged(
         compared=compared,
         samples=samples,

@@ -126,7 +126,10 @@ def generic_tables(sweep: FinishedSweep, groups: Sequence[str]) -> list[Table]:
             protocol_note(sweep.settings, GENERIC_AVERAGE, of_results, class_name=sweep.class_name),
         )
         name = generic_name(sweep, group)
-        tables.append(levels_table(last, group, levels, name, GENERIC_AVERAGE, notes))
+        table = levels_table(last, group, levels, name, GENERIC_AVERAGE, notes)
+        if sweep.class_name is not None:
+            table = replace(table, caption=f"{table.caption}: {sweep.class_name}")
+        tables.append(table)
     return tables
 
 
