@@ -18,7 +18,8 @@ from fl3d.runs.design import label_of
 from fl3d.runs.finished import FinishedSweep, scores_of_class
 from fl3d.runs.plans import is_of_program
 
-KEYS = tuple(field.name for field in fields(Protocol) if field.name not in ("name", "overlaps"))
+NO_KEYS = ("name", "overlaps", "neighbours", "classes")
+KEYS = tuple(field.name for field in fields(Protocol) if field.name not in NO_KEYS)
 
 
 def rescore(sweep: FinishedSweep, changes: Mapping[str, Sequence[Any]]) -> pd.DataFrame:
