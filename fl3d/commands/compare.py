@@ -157,17 +157,16 @@ def _parser() -> argparse.ArgumentParser:
 def _protocol(name: str, overlaps: list[str]) -> Protocol:
     """The protocol, with the overlaps of ``Cone=0.5,0.25,0.25`` added or changed."""
     found = read_settings(compose_config([f"protocol={name}", "profile=paper"])).protocol
-    added = {}
+    added: dict[str, tuple[float, float, float]] = {}
     for word in overlaps:
         class_name, _, numbers = word.partition("=")
         try:
-            added[class_name] = [float(number) for number in numbers.split(",")]
+            image, bev, space = (float(number) for number in numbers.split(","))
         except ValueError:
-            added[class_name] = []
-        if len(added[class_name]) != 3:
             raise ConfigError(
                 f"--overlaps {word}: not NAME=IMAGE,BEV,3D, such as Cone=0.5,0.25,0.25"
-            )
+            ) from None
+        added[class_name] = (image, bev, space)
     return replace(found, overlaps={**found.overlaps, **added})
 
 
