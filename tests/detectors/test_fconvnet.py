@@ -380,7 +380,7 @@ def test_two_stages_find_what_perfect_networks_would(
         )
 
         def forward(
-            self, points: torch.Tensor, slope: torch.Tensor
+            self, points: torch.Tensor, slope: torch.Tensor, kinds: torch.Tensor
         ) -> tuple[torch.Tensor, torch.Tensor]:
             spots = Truth.places(slope, 1)
             boxes = centered(torch.from_numpy(targets).float())
@@ -393,7 +393,7 @@ def test_two_stages_find_what_perfect_networks_would(
 
     detector.code = CODE
     truth = Truth()
-    found = detector._find(truth, batch["points"], batch["slope"])  # type: ignore[arg-type]
+    found = detector._find(truth, batch["points"], batch["slope"], batch["kinds"])  # type: ignore[arg-type]
     back = (
         turned_back(found[0], batch["angle"][found[2]], batch["origin"][found[2]])
         .numpy()
