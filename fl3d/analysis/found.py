@@ -17,12 +17,13 @@ from fl3d.analysis.samples import (
     Samples,
     compare_sweep,
     pair_seeds,
-    resample_cell,
+    resample_mean,
     resample_sweep,
 )
 from fl3d.analysis.seed_cost import seed_minutes
 from fl3d.analysis.verdicts import Pairs, judge, primary_place, verdicts
 from fl3d.evaluation.bootstrap import N_RESAMPLES
+from fl3d.evaluation.protocol import of_class
 from fl3d.runs.finished import FinishedSweep, FinishedTrial
 from fl3d.runs.units import Units, units_of
 
@@ -67,9 +68,13 @@ def judge_sweep(sweep: FinishedSweep, rule: str = "last", n_resamples: int = N_R
     """
     compared = compare_sweep(sweep, rule)
     units = units_of(sweep)
-    samples = resample_sweep(compared, units.of_frames, n_resamples)
-    asked = sweep.settings.sweep
-    found = verdicts(samples, sweep.baseline, asked, sweep.plan.looks)
+    samples = resample_sweep(compared, units.of_frames, n_resamples, sweep.classes)
+    asked, primary = sweep.settings.sweep, samples
+    if sweep.primary_classes != sweep.classes:
+        primary = resample_sweep(compared, units.of_frames, n_resamples, sweep.primary_classes)
+    found = verdicts(primary, sweep.baseline, asked, sweep.plan.looks)
+    if sweep.class_name is not None and not found.empty:
+        found = found.assign(metric=of_class(asked.primary, sweep.class_name))
     return Judged(
         compared=compared,
         samples=samples,
@@ -122,7 +127,9 @@ def draw_trial(
         DataError: detections or labels cannot be read.
     """
     cell, average = primary_place(sweep.settings.sweep)
-    values, draws = resample_cell(sweep.comparison(trial), CELLS[cell], units, n_resamples)
+    values, draws = resample_mean(
+        sweep.comparison(trial), CELLS[cell], units, n_resamples, sweep.primary_classes
+    )
     return float(values[average]), draws[:, average]
 
 

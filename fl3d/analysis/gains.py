@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from fl3d.analysis.samples import (
     AVERAGES,
@@ -17,6 +18,8 @@ from fl3d.analysis.samples import (
     paired,
 )
 from fl3d.core.errors import ConfigError
+from fl3d.data.classes import CARS
+from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.intervals import Sample, interval, joint_intervals
 from fl3d.evaluation.recall import OVERLAPS, recall
 from fl3d.evaluation.verdicts import FEWEST
@@ -101,19 +104,29 @@ def _marked(levels: Mapping[str, Mapping[int, Resampled]], baseline: str) -> set
     return {key for key, one in zip(family, found, strict=True) if one.excludes_zero}
 
 
-def recalls(compared: Comparisons) -> pd.DataFrame:
-    """Recall of the final boxes at 3D overlaps 0.1 to 0.9, over all labelled cars; a row a trial."""
+def recalls(compared: Comparisons, classes: Sequence[str] = CARS) -> pd.DataFrame:
+    """Recall of the final boxes at 3D overlaps 0.1 to 0.9, over all labels; a row a trial.
+
+    Args:
+        compared: see ``samples.compare_sweep``.
+        classes: whose mean recall it is.
+    """
     rows = []
     for group, levels in compared.items():
         for level, by_seed in levels.items():
             for seed, comparison in sorted(by_seed.items()):
-                shares = recall(comparison.gt, comparison.overlaps)
+                shares = np.mean([_recall(comparison, name) for name in classes], axis=0)
                 columns = {
                     f"recall_{overlap:g}": share
                     for overlap, share in zip(OVERLAPS, shares, strict=True)
                 }
                 rows.append({"group": group, "level": level, "seed": seed, **columns})
     return pd.DataFrame(rows)
+
+
+def _recall(comparison: Comparison, name: str) -> NDArray[np.float64]:
+    own = comparison.det.of(name)
+    return recall(comparison.gt, comparison.overlaps, name, own=own)
 
 
 def without_baseline(compared: Comparisons, baseline: str) -> list[str]:

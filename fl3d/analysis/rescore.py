@@ -15,10 +15,11 @@ from fl3d.evaluation.detections import score
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.results import APPLIES
 from fl3d.runs.design import label_of
-from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.finished import FinishedSweep, scores_of_class
 from fl3d.runs.plans import is_of_program
 
-KEYS = tuple(field.name for field in fields(Protocol) if field.name not in ("name", "overlaps"))
+NO_KEYS = ("name", "overlaps", "neighbours", "classes")
+KEYS = tuple(field.name for field in fields(Protocol) if field.name not in NO_KEYS)
 
 
 def rescore(sweep: FinishedSweep, changes: Mapping[str, Sequence[Any]]) -> pd.DataFrame:
@@ -63,6 +64,8 @@ def rescore(sweep: FinishedSweep, changes: Mapping[str, Sequence[Any]]) -> pd.Da
         rows.append({**front, "protocol": protocol.id, **changed, **scores})
     place = {level: number for number, level in enumerate(sweep.levels)}
     frame = pd.DataFrame(rows)
+    if sweep.class_name is not None:
+        frame = scores_of_class(frame, sweep.class_name)
     order = frame.assign(place=frame["level"].map(place)).sort_values(
         ["group", "place", "seed"], kind="stable"
     )

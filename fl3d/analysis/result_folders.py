@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fl3d.analysis.detectors import Detector
 from fl3d.core.errors import ConfigError, DataError
-from fl3d.data.label_table import NAMES, LabelTable, read_table
+from fl3d.data.label_table import LabelTable, read_table
 from fl3d.evaluation.average_precision import Comparison, compare
 from fl3d.evaluation.frames import MISSING as MISSING_OF_ONE
 from fl3d.evaluation.frames import Choice, choose_frames, read_results
@@ -86,7 +86,7 @@ class Held:
 
 def metrics_of(det: LabelTable, class_name: str) -> tuple[str, ...]:
     """Metrics for which there are boxes of a class: in the picture, from above, in space; none without detections."""
-    boxes = det.values[det.types == NAMES.index(class_name.lower())]
+    boxes = det.values[det.of(class_name)]
     height, width, length, z = boxes[:, 7], boxes[:, 8], boxes[:, 9], boxes[:, 12]
     in_image = (boxes[:, 5] > boxes[:, 3]) & (boxes[:, 6] > boxes[:, 4])
     from_above = (width > 0) & (length > 0) & (z > UNKNOWN)

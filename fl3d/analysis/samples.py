@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from fl3d.data.classes import CARS
 from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.bootstrap import N_RESAMPLES, resampled_aps, unit_weights, widened
 from fl3d.evaluation.intervals import Interval, Sample, lasting_share
@@ -63,7 +64,10 @@ def compare_sweep(sweep: FinishedSweep, rule: str = "last") -> Comparisons:
 
 
 def resample_sweep(
-    compared: Comparisons, units: NDArray[np.int64] | None = None, n_resamples: int = N_RESAMPLES
+    compared: Comparisons,
+    units: NDArray[np.int64] | None = None,
+    n_resamples: int = N_RESAMPLES,
+    classes: Sequence[str] = CARS,
 ) -> Samples:
     """APs of all checkpoints in the same resamples of the frames.
 
@@ -71,13 +75,14 @@ def resample_sweep(
         compared: see ``compare_sweep``.
         units: (F,) what each frame is drawn with; None: each frame by itself.
         n_resamples: how many.
+        classes: whose mean AP it is.
     """
     count = sum(len(by_seed) for levels in compared.values() for by_seed in levels.values())
     with tqdm(total=count, desc="resampling", unit="trial", leave=False, disable=None) as bar:
 
         def resampled(comparison: Comparison) -> Resampled:
             bar.update()
-            return resample(comparison, units, n_resamples)
+            return resample(comparison, units, n_resamples, classes)
 
         return {
             group: {
@@ -89,13 +94,16 @@ def resample_sweep(
 
 
 def resample(
-    comparison: Comparison, units: NDArray[np.int64] | None, n_resamples: int
+    comparison: Comparison,
+    units: NDArray[np.int64] | None,
+    n_resamples: int,
+    classes: Sequence[str] = CARS,
 ) -> Resampled:
     """APs of one checkpoint, see ``resample_sweep``."""
     has = comparison.protocol.metrics
     none = (np.full(len(AVERAGES), np.nan), np.full((n_resamples, len(AVERAGES)), np.nan))
     found = [
-        resample_cell(comparison, cell, units, n_resamples) if cell[0] in has else none
+        resample_mean(comparison, cell, units, n_resamples, classes) if cell[0] in has else none
         for cell in CELLS
     ]
     return Resampled(
@@ -103,12 +111,26 @@ def resample(
     )
 
 
+def resample_mean(
+    comparison: Comparison,
+    cell: tuple[str, str],
+    units: NDArray[np.int64] | None,
+    n_resamples: int,
+    classes: Sequence[str],
+) -> tuple[Float, Float]:
+    """As ``resample_cell``, of the mean AP over some classes."""
+    found = [resample_cell(comparison, cell, units, n_resamples, name) for name in classes]
+    if len(found) == 1:
+        return found[0]
+    return np.mean([values for values, _ in found], axis=0), np.mean([d for _, d in found], axis=0)
+
+
 def resample_cell(
     comparison: Comparison,
     cell: tuple[str, str],
     units: NDArray[np.int64] | None,
     n_resamples: int,
-    name: str = "Car",
+    name: str,
 ) -> tuple[Float, Float]:
     """APs of one cell: (2,) on the frames as they are, (R, 2) in each resample; of drives as few as they are."""
     matches = comparison.matches(name, *cell)

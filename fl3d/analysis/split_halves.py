@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import comb
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.bootstrap import resampled_aps
 from fl3d.evaluation.protocol import DIFFICULTIES
 from fl3d.runs.finished import FinishedSweep, FinishedTrial
@@ -39,16 +41,21 @@ def _halved(sweep: FinishedSweep, trial: FinishedTrial) -> tuple[float, float]:
     moderate = []
     for step in trial.folder.steps():
         comparison = sweep.comparison(trial, step)
-        matches = {level: comparison.matches("Car", "3d", level) for level in DIFFICULTIES}
         if sides is None:
-            sides = halves(len(matches["moderate"].n_gt))
+            sides = halves(len(comparison.gt))
         flat = sides.reshape(-1, sides.shape[2])
-        aps = {
-            level: resampled_aps(m, flat)[:, 0].reshape(2, HALVINGS) for level, m in matches.items()
-        }
+        aps = {level: _aps(comparison, sweep.classes, level, flat) for level in DIFFICULTIES}
         means.append(np.mean(list(aps.values()), axis=0))
         moderate.append(aps["moderate"])
     return split_half(np.stack(means, axis=-1), np.stack(moderate, axis=-1))
+
+
+def _aps(
+    comparison: Comparison, classes: Sequence[str], level: str, flat: NDArray[np.int32]
+) -> Float:
+    """3D AP on both sides of all halvings, the mean over classes: (2, R)."""
+    own = [resampled_aps(comparison.matches(name, "3d", level), flat)[:, 0] for name in classes]
+    return np.asarray(np.mean(own, axis=0)).reshape(2, HALVINGS)
 
 
 def halves(n_frames: int) -> NDArray[np.int32]:

@@ -14,8 +14,6 @@ from fl3d.evaluation.counts import LabelCounts, count_labels
 from fl3d.evaluation.detections import ground_truths
 from fl3d.reports.uncounted import why_no_label
 
-EVALUATED = ("Car",)  # what a sweep's AP is of
-
 
 def of_nothing(facts: Facts, train: str, val: str) -> Iterator[Finding]:
     """Errors: nothing to learn from in one split, nothing that counts in the other.
@@ -32,9 +30,10 @@ def of_nothing(facts: Facts, train: str, val: str) -> Iterator[Finding]:
             yield error(_no_points(facts, train, wanted), "Are axes and units right?")
         if not facts.targets(train, wanted):
             yield error(_no_targets(facts, train, wanted), _why_no_targets(facts, train, wanted))
-    counts = counted(facts, val, EVALUATED)
-    if counts is not None and counts.is_empty:
-        yield error(f"nothing counts in split {val}: {why_no_label(counts, facts.protocol)}")
+    for name in facts.protocol.classes:
+        counts = counted(facts, val, [name])
+        if counts is not None and counts.is_empty:
+            yield error(f"nothing counts in split {val}: {why_no_label(counts, facts.protocol)}")
 
 
 def counted(facts: Facts, split: str, classes: Sequence[str] | None = None) -> LabelCounts | None:

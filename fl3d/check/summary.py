@@ -107,9 +107,10 @@ def points_line(facts: Facts, split: str) -> str:
     mean = np.mean([cloud.points for cloud in clouds])
     kept = np.mean([cloud.kept for cloud in clouds])
     crop = f", {kept:,.0f} of them in the picture" if facts.kitti.crop == "image" else ""
+    networks = {one.detector.partition(":")[0]: one.detector for one in facts.wanted}
     ranges = [
-        f"{np.mean([cloud.in_range[one.detector] for cloud in clouds]):,.0f} ({one.detector})"
-        for one in facts.wanted
+        f"{np.mean([cloud.in_range[own] for cloud in clouds]):,.0f} ({name})"
+        for name, own in networks.items()
     ]
     seen = f"; in range: {', '.join(ranges)}" if ranges else ""
     return f"points: {mean:,.0f} a frame{crop}{seen}"

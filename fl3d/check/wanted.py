@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fl3d.config.objects import locate
 from fl3d.core.records import Config
+from fl3d.data.classes import CARS, class_of
 from fl3d.data.labels import Labels
 
 Mask = NDArray[np.bool_]
@@ -20,7 +21,7 @@ class Wanted:
     """What a detector learns from.
 
     Args:
-        detector: as the papers write it.
+        detector: as the papers write it; of several classes ``VoxelNet: Pedestrian``.
         classes: label types that become targets.
         min_points: LiDAR points that an object must hold.
         range_velo: x0, y0, z0, x1, y1, z1 in metres; None: no limits.
@@ -60,23 +61,27 @@ class Wanted:
 
 def wanted_by(configs: Iterable[Config]) -> tuple[Wanted, ...]:
     """What the detectors of some trials learn from, each once; nothing of those that do not say it."""
-    found = {_wanted_by(config["detector"]): None for config in configs}
-    return tuple(one for one in found if one is not None)
+    return tuple(dict.fromkeys(one for config in configs for one in _wanted_by(config)))
 
 
-def _wanted_by(detector: Config) -> Wanted | None:
+def _wanted_by(config: Config) -> list[Wanted]:
+    detector, asked = config["detector"], config.get("classes", CARS)
     if "_target_" not in detector:
-        return None
+        return []
     kind = locate(detector["_target_"], "detector._target_")
     rule = detector.get("targets") or {}
-    classes = rule.get("classes") or getattr(kind, "LEARNS_FROM", ())
-    if not classes:
-        return None
-    reach = detector.get("range_velo")
-    return Wanted(
-        detector=getattr(kind, "NAME", kind.__name__),
-        classes=tuple(classes),
-        min_points=max(1, int(rule.get("min_points", 1))),
-        range_velo=None if reach is None else tuple(float(x) for x in reach),
-        image_boxes=bool(getattr(kind, "IMAGE_BOXES", False)),
-    )
+    types = tuple(rule.get("classes") or (asked if getattr(kind, "LEARNS_FROM", ()) else ()))
+    if not types:
+        return []
+    reach, name = detector.get("range_velo"), getattr(kind, "NAME", kind.__name__)
+    own = detector.get("per_class") or {}
+    return [
+        Wanted(
+            detector=name if len(asked) == 1 else f"{name}: {one}",
+            classes=tuple(label for label in types if class_of(label, asked) == number),
+            min_points=max(1, int(own.get(one, {}).get("min_points", rule.get("min_points", 1)))),
+            range_velo=None if reach is None else tuple(float(x) for x in reach),
+            image_boxes=bool(getattr(kind, "IMAGE_BOXES", False)),
+        )
+        for number, one in enumerate(asked)
+    ]

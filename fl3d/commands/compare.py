@@ -6,6 +6,7 @@ import argparse
 import math
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from fl3d.analysis.compare import MARGIN, compare_detectors
@@ -63,7 +64,7 @@ def _compare(arguments: list[str]) -> None:
     held = hold(
         given.labels,
         detectors,
-        _protocol(given.protocol),
+        _protocol(given.protocol, given.overlaps),
         split=given.split,
         missing=given.missing,
         mapping=given.mapping,
@@ -120,6 +121,13 @@ def _parser() -> argparse.ArgumentParser:
         help="overlaps and variant (default: kitti)",
     )
     options.add_argument(
+        "--overlaps",
+        action="append",
+        default=[],
+        metavar="NAME=IMAGE,BEV,3D",
+        help="overlaps of a class, such as one of your own: Cone=0.5,0.25,0.25 (may be given again)",
+    )
+    options.add_argument(
         "--margin", type=_margin, default=MARGIN, metavar="AP", help="gains below it do not matter"
     )
     options.add_argument(
@@ -146,8 +154,20 @@ def _parser() -> argparse.ArgumentParser:
     return options
 
 
-def _protocol(name: str) -> Protocol:
-    return read_settings(compose_config([f"protocol={name}", "profile=paper"])).protocol
+def _protocol(name: str, overlaps: list[str]) -> Protocol:
+    """The protocol, with the overlaps of ``Cone=0.5,0.25,0.25`` added or changed."""
+    found = read_settings(compose_config([f"protocol={name}", "profile=paper"])).protocol
+    added: dict[str, tuple[float, float, float]] = {}
+    for word in overlaps:
+        class_name, _, numbers = word.partition("=")
+        try:
+            image, bev, space = (float(number) for number in numbers.split(","))
+        except ValueError:
+            raise ConfigError(
+                f"--overlaps {word}: not NAME=IMAGE,BEV,3D, such as Cone=0.5,0.25,0.25"
+            ) from None
+        added[class_name] = (image, bev, space)
+    return replace(found, overlaps={**found.overlaps, **added})
 
 
 def _margin(text: str) -> float:

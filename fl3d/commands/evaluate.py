@@ -82,7 +82,8 @@ def _options() -> argparse.ArgumentParser:
         "changes",
         nargs="*",
         metavar="KEY=VALUE",
-        help="values of the protocol, such as 'overlaps.Car=[0.7,0.5,0.5]'",
+        help="values of the protocol, such as 'overlaps.Car=[0.7,0.5,0.5]'; '+overlaps.Cone=[0.5,0.25,0.25]' adds a "
+        "class of your own, '+neighbours.Cone=[Post]' what stands near it (docs/classes.md)",
     )
     options.add_argument(
         "--protocol",
@@ -115,8 +116,14 @@ def _protocol(name: str, changes: list[str]) -> Protocol:
     for word in changes:
         if "=" not in word:
             raise ConfigError(f"'{word}' is neither --option nor KEY=VALUE of the protocol")
-    words = [f"protocol.{word.removeprefix('protocol.')}" for word in changes]
+    words = [_of_protocol(word) for word in changes]
     return read_settings(compose_config([f"protocol={name}", "profile=paper", *words])).protocol
+
+
+def _of_protocol(word: str) -> str:
+    """A change as a word of the config: ``+overlaps.Cone=...`` adds a class."""
+    plus = "+" if word.startswith("+") else ""
+    return f"{plus}protocol.{word.removeprefix('+').removeprefix('protocol.')}"
 
 
 def _print(found: Evaluated, with_table: bool) -> None:

@@ -18,9 +18,12 @@ def run(arguments: list[str]) -> None:
     arguments_of.add_argument("overrides", nargs="*", help=HELP)
     words = arguments_of.parse_intermixed_args(arguments).overrides
     sweep = open_words(read_words(or_gamma(words)))
-    judged = judge_or_say(sweep, print)
-    compared = compare_sweep(sweep) if judged is None else judged.compared
-    written = [] if judged is None else draw_verdicts(sweep, judged)
-    written += draw_curves(sweep, compared) + draw_papers(sweep)
+    written = []
+    for one in (sweep, *sweep.each_class()):
+        judged = judge_or_say(one, print)
+        compared = compare_sweep(one) if judged is None else judged.compared
+        written += [] if judged is None else draw_verdicts(one, judged)
+        written += draw_curves(one, compared)
+    written += draw_papers(sweep)
     folder = sweep.settings.results_folder / "figures"
     print(f"Written to {folder}: " + ", ".join(path.name for path in written))

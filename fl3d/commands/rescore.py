@@ -7,7 +7,7 @@ from fl3d.commands.words import HELP, open_words, parser, read_words
 from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.files import write_text
-from fl3d.evaluation.protocol import METRIC_NAMES
+from fl3d.evaluation.protocol import METRIC_NAMES, split_metric
 from fl3d.reports.levels import rescored_tables
 from fl3d.reports.render import to_markdown
 from fl3d.runs.finished import levels_of
@@ -27,8 +27,9 @@ def run(arguments: list[str]) -> None:
     )
     given = arguments_of.parse_intermixed_args(arguments)
     possible = [name.removeprefix("ap_") for name in METRIC_NAMES]
-    if given.metric not in possible:
-        raise ConfigError(f"--metric {given.metric}: {options(given.metric, possible)}")
+    plain = split_metric(given.metric)[0]
+    if plain not in possible:
+        raise ConfigError(f"--metric {given.metric}: {options(plain, possible)}")
     changes = {}
     words = []
     for word in given.overrides:
@@ -44,11 +45,17 @@ def run(arguments: list[str]) -> None:
     sweep = open_words(read_words(words))
     scores = rescore(sweep, changes)
     if f"ap_{given.metric}" not in scores:
-        raise ConfigError(
-            f"--metric {given.metric}: a protocol without the picture has no image metric"
+        there = [str(name).removeprefix("ap_") for name in scores if str(name).startswith("ap_")]
+        why = (
+            ": a protocol without the picture has no image metric"
+            if plain == given.metric
+            else f", of these classes: {options(given.metric, there)}"
         )
-    overlaps = " / ".join(f"{value:g}" for value in sweep.protocol.overlaps["Car"])
-    print(f"Car, protocol {sweep.protocol.name}, overlaps {overlaps} (image / BEV / 3D)\n")
+        raise ConfigError(f"--metric {given.metric}{why}")
+    for name in sweep.classes:
+        overlaps = " / ".join(f"{value:g}" for value in sweep.protocol.overlaps[name])
+        print(f"{name}, protocol {sweep.protocol.name}, overlaps {overlaps} (image / BEV / 3D)")
+    print("" if len(sweep.classes) == 1 else "\nMeans over classes, unless the metric names one.\n")
     for table in rescored_tables(scores, levels_of(sweep), list(changes), f"ap_{given.metric}"):
         print(to_markdown(table))
     name = f"rescored_{sweep.name}_{sweep.protocol.name}_{'_'.join(changes)}.csv"

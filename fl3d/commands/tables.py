@@ -26,8 +26,9 @@ def run(arguments: list[str]) -> None:
     arguments_of.add_argument("overrides", nargs="*", help=HELP)
     words = arguments_of.parse_intermixed_args(arguments).overrides
     for sweep in sweeps_of(words):
-        tables, _ = write_sweep(sweep, feeding(sweep, words, PUBLISHED), print)
-        write_views(sweep, tables, judge_or_say(sweep, print), print)
+        for one in (sweep, *sweep.each_class()):
+            tables, _ = write_sweep(one, feeding(one, words, PUBLISHED), print)
+            write_views(one, tables, judge_or_say(one, print), print)
         write_still_tables(sweep)
 
 

@@ -68,7 +68,7 @@ def is_short(word: str) -> bool:
     return (
         "." not in key
         and not key.startswith(("+", "~"))
-        and key not in ("data", "profile", "protocol", "results")
+        and key not in ("classes", "data", "profile", "protocol", "results")
     )
 
 

@@ -31,7 +31,9 @@ def _spelled(word: str) -> str:
     given = word.removeprefix(KEY).split(",")
     if all(name.strip() in options for name in given) or any(sign in word for sign in "([{'\"$"):
         return word
-    shown = {_shown(file).lower(): name for name, file in options.items()}
+    # A detector's plain YAML goes before variants of it, such as voxelnet before voxelnet_people.
+    longest_first = sorted(options, key=len, reverse=True)
+    shown = {_shown(options[name]).lower(): name for name in longest_first}
     return KEY + ",".join(
         name if name.strip() in options else shown.get(name.strip().lower(), name) for name in given
     )

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from fl3d.data.classes import why_no_classes
 from fl3d.data.kitti import CALIBRATIONS, CROPS
 
 LARGEST_SEED = 2**63 - 1  # torch and the store's tables keep it as a signed integer of 64 bits
@@ -94,6 +95,10 @@ def _one_of(*names: str) -> Rule:
     return Rule(f"one of {', '.join(names)}", lambda value: value in names)
 
 
+CLASSES = Rule(
+    "a list of names of classes, such as [Car] or [Car,Pedestrian]; each is there once, and KITTI's as KITTI spells it",
+    lambda value: isinstance(value, list) and not why_no_classes(value),
+)
 ANY = Rule("any value", lambda value: True)
 
 RULES: dict[str, Rule] = {
@@ -103,6 +108,7 @@ RULES: dict[str, Rule] = {
     "compile": FLAG,
     "workers": _whole(0).or_null(),
     "results": TEXT,
+    "classes": CLASSES,
     "store.root": TEXT,
     "store.uri": TEXT.or_null(),
     "store.keep_every": COUNT.or_null(),

@@ -10,10 +10,11 @@ from typing import Any
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.names import check_name
 from fl3d.core.records import Config
+from fl3d.data.classes import CARS
 from fl3d.data.cloud_forms import CloudFormat
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.pictures import checked_size
-from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.protocol import Protocol, split_metric
 from fl3d.evaluation.selection import STAGES
 
 BY_HAND = "trials"  # the name of a sweep that was given none
@@ -39,6 +40,7 @@ class DataSettings:
         cache_frames: kept in memory by each process.
         people: how many times as often as in KITTI simulated frames have people; None: as the published ones.
         mapping: folder of KITTI's mapping of frames to drives; None: ``mapping`` below ``root``.
+        classes: that are detected.
     """
 
     name: str
@@ -56,10 +58,13 @@ class DataSettings:
     cache_frames: int
     mapping: Path | None
     people: float | None = None
+    classes: tuple[str, ...] = CARS
 
     def folder(self, root: Path) -> KittiFolder:
         """A KITTI folder, read as the config says."""
-        return KittiFolder(root, self.crop, self.calibration, self.cloud, self.image_size)
+        return KittiFolder(
+            root, self.crop, self.calibration, self.cloud, self.image_size, self.classes
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +92,8 @@ class SweepSettings:
         factor: keys that are compared; empty: the swept keys other than ``detector`` and ``seed``.
         baseline: the level that the others are held against, as the user wrote it; None: the first.
         groups: keys whose values have a table each; None: the swept keys that are neither factor nor ``seed``.
-        primary: metric that is named before training, such as ``3d_r40/moderate``.
+        primary: metric that is named before training, such as ``3d_r40/moderate``; of several classes that is their
+            mean, and ``3d_r40/moderate/Pedestrian`` one of them.
         margin: gains below it do not matter, AP.
         tables: of papers, such as ``focal_loss.last_voxelnet``.
         after: a sweep whose winner's values this one keeps; None: none.
@@ -108,7 +114,12 @@ class SweepSettings:
     @property
     def metric(self) -> str:
         """View and difficulty of the primary metric: ``3d/moderate``."""
-        return self.primary.replace("_r40/", "/")
+        return split_metric(self.primary)[0].replace("_r40/", "/")
+
+    @property
+    def class_name(self) -> str | None:
+        """Class of the primary metric, where it names one of several; None: the one class, or the mean."""
+        return split_metric(self.primary)[1]
 
     @property
     def average(self) -> str:
@@ -180,7 +191,8 @@ class StageSettings:
         calibration: likewise.
         cloud: likewise.
         image_size: likewise.
-        max_boxes: stored of each frame.
+        classes: that it detects.
+        max_boxes: stored of each frame and class.
         min_score: of a stored box.
     """
 
@@ -193,12 +205,15 @@ class StageSettings:
     calibration: str
     cloud: CloudFormat
     image_size: tuple[int, int] | None
+    classes: tuple[str, ...]
     max_boxes: int
     min_score: float
 
     def folder(self, root: Path) -> KittiFolder:
         """A KITTI folder, read as the stage reads it."""
-        return KittiFolder(root, self.crop, self.calibration, self.cloud, self.image_size)
+        return KittiFolder(
+            root, self.crop, self.calibration, self.cloud, self.image_size, self.classes
+        )
 
 
 def read_settings(config: Config) -> Settings:
@@ -210,11 +225,12 @@ def read_settings(config: Config) -> Settings:
     best_among = config["selection"]["stages"]
     if best_among not in STAGES:
         raise ConfigError(f"selection.stages: {options(best_among, STAGES)}")
-    protocol = Protocol(**config["protocol"])
+    protocol = Protocol(**config["protocol"], classes=tuple(config.get("classes", CARS)))
+    protocol.check_classes()
     check_name("protocol.name", protocol.name)
     return Settings(
         sweep=_sweep(config["sweep"], protocol),
-        data=_data(config["data"]),
+        data=_data(config["data"], protocol.classes),
         store=_store(config["store"]),
         protocol=protocol,
         profile=check_name("profile.name", config["profile"]["name"]),
@@ -238,6 +254,7 @@ def read_stage_settings(config: Config) -> StageSettings:
         calibration=config["data"]["calibration"],
         cloud=CloudFormat(**config["data"].get("cloud", {})),
         image_size=checked_size(config["data"].get("image_size")),
+        classes=tuple(config.get("classes", CARS)),
         max_boxes=config["detections"]["max_boxes"],
         min_score=config["detections"]["min_score"],
     )
@@ -248,10 +265,11 @@ def stage_folder(config: Config, root: Path) -> KittiFolder:
     data = config["data"]
     cloud = CloudFormat(**data.get("cloud", {}))
     size = checked_size(data.get("image_size"))
-    return KittiFolder(root, data["crop"], data["calibration"], cloud, size)
+    classes = tuple(config.get("classes", CARS))
+    return KittiFolder(root, data["crop"], data["calibration"], cloud, size, classes)
 
 
-def _data(section: Mapping[str, Any]) -> DataSettings:
+def _data(section: Mapping[str, Any], classes: tuple[str, ...]) -> DataSettings:
     paths = {key: section[key] for key in ("root", "mapping")}
     read: dict[str, Any] = {
         key: None if path is None else Path(path) for key, path in paths.items()
@@ -259,6 +277,7 @@ def _data(section: Mapping[str, Any]) -> DataSettings:
     read["cloud"] = CloudFormat(**section.get("cloud", {}))
     read["image_size"] = checked_size(section.get("image_size"))
     read["name"] = check_name("data.name", section["name"])
+    read["classes"] = classes
     return DataSettings(**{**section, **read})
 
 
@@ -283,7 +302,8 @@ def _sweep(section: Mapping[str, Any], protocol: Protocol) -> SweepSettings:
             "name": check_name("sweep.name", section["name"]),
             "factor": _keys(section["factor"]),
             "groups": None if groups is None else _keys(groups),
-            "tables": tuple(section["tables"]),
+            # Those of papers are of cars, as the papers'.
+            "tables": tuple(section["tables"]) if protocol.classes == CARS else (),
         }
     )
 

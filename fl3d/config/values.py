@@ -133,7 +133,7 @@ def _beside(parents: list[str]) -> set[str]:
 
 
 def _check_protocol(key: str, name: str) -> None:
-    known = [field.name for field in fields(Protocol)]
+    known = [field.name for field in fields(Protocol) if field.name != "classes"]  # a key above
     parts = name.split(".")
     if parts[0] == "protocol" and len(parts) > 1 and parts[1] not in known:
         raise ConfigError(f"{key}: no key that anything reads. {options(parts[1], known)}")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.core.errors import DataError
+from fl3d.core.errors import ConfigError, DataError
 from fl3d.core.typed import Whole
+from fl3d.data.classes import CARS, class_of
 from fl3d.data.kitti import Frame, KittiFolder
 from fl3d.data.label_parser import kitti_spelling
 from fl3d.data.labels import check_sizes
@@ -29,18 +30,65 @@ class TargetRule:
     min_points: Whole = 10
 
     def boxes_velo(self, frame: Frame) -> NDArray[np.float64]:
-        """Boxes to train on: (N, 7) ``boxes_velo``.
+        """Boxes to train on, of a detector of one class: (N, 7) ``boxes_velo``.
 
         Raises:
             DataError: an object of the classes has no size.
         """
-        classes = [kitti_spelling(name) for name in self.classes]
-        check_sizes(frame.labels, classes, frame.label_file)
-        boxes = frame.calibration.boxes_to_velo(
-            frame.labels.boxes_cam[np.isin(frame.labels.types, classes)]
-        )
-        enough = count_points_inside(frame.points_velo, boxes) >= self.min_points
-        return boxes[enough]
+        return self.objects(frame, CARS)[0]
+
+    def objects(
+        self, frame: Frame, classes: Sequence[str], least: Mapping[str, int] | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Objects to train on.
+
+        Args:
+            frame: one frame.
+            classes: that are detected.
+            least: ``min_points`` of those classes that have their own.
+
+        Returns:
+            (N, 7) ``boxes_velo``, and (N,) index into ``classes`` of the class that each is learnt as.
+
+        Raises:
+            DataError: an object of the classes has no size.
+        """
+        learnt = self._learnt_as(classes)
+        check_sizes(frame.labels, list(learnt), frame.label_file)
+        own = np.isin(frame.labels.types, list(learnt))
+        boxes = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[own])
+        kinds = np.array([learnt[str(t)] for t in frame.labels.types[own]], dtype=np.int64)
+        needed = np.array([(least or {}).get(name, self.min_points) for name in classes])
+        enough = count_points_inside(frame.points_velo, boxes) >= needed[kinds]
+        return boxes[enough], kinds[enough]
+
+    def check(self, classes: Sequence[str]) -> None:
+        """Refuse classes that nothing is learnt of, and label types that are of none; cars alone have any.
+
+        Raises:
+            ConfigError: naming the key.
+        """
+        if tuple(classes) == CARS:
+            return
+        key, types = "detector.targets.classes", [kitti_spelling(name) for name in self.classes]
+        wanted = ",".join(classes)
+        for name in classes:
+            if name not in types:
+                raise ConfigError(
+                    f"{key}: {types} do not hold {name}, which classes name; give {key}=[{wanted}]"
+                )
+        for label in types:
+            if class_of(label, classes) is None:
+                raise ConfigError(
+                    f"{key}: {label} is none of classes=[{wanted}], nor a neighbour of one; "
+                    f"give {key}=[{wanted}]"
+                )
+
+    def _learnt_as(self, classes: Sequence[str]) -> dict[str, int]:
+        """Index of the class that each type of labels is learnt as."""
+        types = [kitti_spelling(name) for name in self.classes]
+        found = {label: class_of(label, classes) for label in types}
+        return {label: number for label, number in found.items() if number is not None}
 
 
 class Frames:

@@ -8,6 +8,8 @@ picture. Paths may be those of Windows.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +29,39 @@ FOLDER = "rgb_detections"
 ImageBoxes = dict[str, NDArray[np.float64]]
 
 
-def read_image_boxes(root: Path, name: str = "Car") -> ImageBoxes | None:
+class FoundInPictures:
+    """What a 2D detector found of some classes, by frame.
+
+    Args:
+        by_class: see ``read_image_boxes``; None: no detector was run.
+    """
+
+    def __init__(self, by_class: Mapping[str, ImageBoxes | None]) -> None:
+        self._by_class = {name: of for name, of in by_class.items() if of is not None}
+        self.is_there = bool(self._by_class)
+
+    @cached_property
+    def boxes(self) -> ImageBoxes:
+        """(N, 5) of each frame that has any, those of the first class first."""
+        frames = dict.fromkeys(frame for of in self._by_class.values() for frame in of)
+        return {
+            frame: np.concatenate([of[frame] for of in self._by_class.values() if frame in of])
+            for frame in frames
+        }
+
+    def of(self, frame: str) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
+        """Boxes (N, 5) and classes (N,) of a frame."""
+        counts = [len(of.get(frame, ())) for of in self._by_class.values()]
+        names = np.array(list(self._by_class), dtype=np.str_)
+        return self.boxes.get(frame, np.zeros((0, 5))), np.repeat(names, counts)
+
+
+def read_found(root: Path, classes: Sequence[str]) -> FoundInPictures:
+    """What a 2D detector found of some classes, see ``read_image_boxes``."""
+    return FoundInPictures({name: read_image_boxes(root, name, classes) for name in classes})
+
+
+def read_image_boxes(root: Path, name: str, classes: Sequence[str] = ()) -> ImageBoxes | None:
     """Boxes of one class by frame: (N, 5) x1, y1, x2, y2 in pixels and score, in file order.
 
     None without files; a file that is empty, or names no frame, has no boxes.
@@ -35,6 +69,7 @@ def read_image_boxes(root: Path, name: str = "Car") -> ImageBoxes | None:
     Args:
         root: holds the folder ``rgb_detections``.
         name: of the class.
+        classes: that lines may name besides KITTI's.
 
     Raises:
         DataError: a line is not such a box.
@@ -48,7 +83,7 @@ def read_image_boxes(root: Path, name: str = "Car") -> ImageBoxes | None:
             fields = line.rsplit(maxsplit=6)
             if not fields:
                 continue
-            kind = _class(fields[1]) if len(fields) == 7 else None
+            kind = _class(fields[1], classes) if len(fields) == 7 else None
             if kind is None:
                 raise DataError(
                     "a box needs a path, a class (1, 2, 3 or KITTI's name), a score and four pixels",
@@ -68,10 +103,10 @@ def read_image_boxes(root: Path, name: str = "Car") -> ImageBoxes | None:
     return {frame: np.array(boxes) for frame, boxes in rows.items()}
 
 
-def _class(text: str) -> str | None:
-    """A class by its number or its name as KITTI spells it; None where it is neither."""
+def _class(text: str, classes: Sequence[str]) -> str | None:
+    """A class by its number or its name, KITTI's or one of some; None where it is neither."""
     name = _NUMBERS.get(text) or kitti_spelling(text)
-    return name if name in TYPES else None
+    return name if name in TYPES or name in classes else None
 
 
 def _frame(path: str) -> str:

@@ -6,7 +6,7 @@ Geiger, Lenz, Urtasun: Are we ready for autonomous driving? The KITTI vision ben
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from fl3d.core.errors import DataError, DataMissing, options
 from fl3d.data.calibration import AXES, MEAN, Calibration
 from fl3d.data.calibration_files import read_calibration
+from fl3d.data.classes import CARS
 from fl3d.data.cloud_forms import CloudFormat
 from fl3d.data.clouds import Cloud, find_cloud, read_cloud
-from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
+from fl3d.data.image_boxes import FoundInPictures, ImageBoxes, read_found
 from fl3d.data.labels import Labels, read_labels
 from fl3d.data.pictures import IMAGE_SIZE, find_picture, picture_size, size_without_picture
 from fl3d.data.splits import read_split
@@ -44,8 +45,9 @@ class Frame:
         calibration: of this frame.
         labels: every object of the label file.
         image_size: (width, height) in pixels.
-        image_boxes: (N, 5) cars that a 2D detector found: x1, y1, x2, y2 in pixels, score; None where none was run.
+        image_boxes: (N, 5) that a 2D detector found: x1, y1, x2, y2 in pixels, score; None where none was run.
         label_file: that the labels come from, for errors; None: from none.
+        image_types: (N,) classes of ``image_boxes``; None: all are cars.
     """
 
     id: str
@@ -55,6 +57,7 @@ class Frame:
     image_size: tuple[int, int]
     image_boxes: NDArray[np.float64] | None = None
     label_file: Path | None = None
+    image_types: NDArray[np.str_] | None = None
 
 
 class KittiFolder:
@@ -69,6 +72,7 @@ class KittiFolder:
         cloud: how clouds are read; None: as KITTI's.
         image_size: (width, height) in pixels of frames that have no picture; None: by their calibration, see
             ``pictures.size_without_picture``.
+        classes: whose boxes of a 2D detector are read.
 
     Raises:
         DataError: a choice that does not exist, or a crop to the picture of no camera.
@@ -81,6 +85,7 @@ class KittiFolder:
         calibration: str = "frame",
         cloud: CloudFormat | None = None,
         image_size: tuple[int, int] | None = None,
+        classes: Sequence[str] = CARS,
     ) -> None:
         for value, possible, key in (
             (crop, CROPS, "crop"),
@@ -100,6 +105,7 @@ class KittiFolder:
         self.calibration = calibration
         self.cloud = cloud or CloudFormat()
         self.without_picture = image_size
+        self.classes = tuple(classes)
 
     def split(self, name: str) -> list[str]:
         """Frame ids of ``ImageSets/NAME.txt``, in file order.
@@ -167,9 +173,7 @@ class KittiFolder:
         points = self.read_cloud(frame_id).points_velo
         if self.crop == "image":
             points = points[calibration.in_image(points, size)]
-        found = (
-            None if self.image_boxes is None else self.image_boxes.get(frame_id, np.zeros((0, 5)))
-        )
+        found, types = self._found.of(frame_id) if self._found.is_there else (None, None)
         return Frame(
             frame_id,
             points,
@@ -178,12 +182,17 @@ class KittiFolder:
             size,
             found,
             self.path("label_2", frame_id),
+            types,
         )
 
-    @cached_property
+    @property
     def image_boxes(self) -> ImageBoxes | None:
-        """What a 2D detector found, by frame, see ``image_boxes.read_image_boxes``."""
-        return read_image_boxes(self.root)
+        """What a 2D detector found of the classes, by frame, see ``image_boxes.read_image_boxes``."""
+        return self._found.boxes if self._found.is_there else None
+
+    @cached_property
+    def _found(self) -> FoundInPictures:
+        return read_found(self.root, self.classes)
 
     def read_labels(self, frame_id: str) -> Labels:
         """Labels of one frame, without its cloud."""

@@ -35,6 +35,14 @@ class LabelTable:
     def __len__(self) -> int:
         return len(self.offsets) - 1
 
+    def of(self, name: str) -> NDArray[np.bool_]:
+        """Which objects are of a class: (N,); KITTI's in whatever case, others as they are spelled."""
+        if name.lower() in NAMES:
+            code = NAMES.index(name.lower())
+        else:
+            code = OTHER + self.others.index(name) if name in self.others else -1
+        return np.asarray(self.types == code)
+
     @property
     def frame(self) -> NDArray[np.int64]:
         """(N,) frame of each object."""

@@ -121,6 +121,45 @@ class Anchors:
         return chosen, owner[chosen], (best < self.negative) & ~positive
 
 
+class ClassAnchors:
+    """The anchors of each class at every output cell: those of the first class at a cell, then those of the next.
+
+    An anchor is matched with the objects of its own class alone; what it finds is of that class.
+
+    Args:
+        of: anchors of each class.
+    """
+
+    def __init__(self, of: Sequence[Anchors]) -> None:
+        self.of = tuple(of)
+        boxes = np.stack([one.boxes_velo.reshape(-1, 2, 7) for one in self.of], axis=1)
+        self.boxes_velo = boxes.reshape(
+            -1, 7
+        )  # of a cell: class by class, each turned to 0 and to 90 degrees
+        self.kinds = np.tile(np.repeat(np.arange(len(self.of)), 2), len(boxes))
+
+    def assign(
+        self, boxes: Array, kinds: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Match anchors to objects, see ``Anchors.assign``.
+
+        Args:
+            boxes: (N, 7) objects.
+            kinds: (N,) index of each one's class.
+        """
+        chosen, owners = [], []
+        negative = np.zeros(len(self.boxes_velo), dtype=bool)
+        for number, anchors in enumerate(self.of):
+            place, objects = np.flatnonzero(self.kinds == number), np.flatnonzero(kinds == number)
+            own, owner, below = anchors.assign(boxes[objects])
+            chosen.append(place[own])
+            owners.append(objects[owner])
+            negative[place] = below
+        every = np.concatenate(chosen)
+        order = np.argsort(every, kind="stable")
+        return every[order], np.concatenate(owners)[order], negative
+
+
 def encode_boxes(boxes: Array, anchors: Array) -> NDArray[np.float64]:
     """Residuals dx, dy over the anchor's diagonal, dz over its height, log size ratios h, w, l, and dyaw.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from fl3d.core.errors import ConfigError
+from fl3d.data.classes import CARS
+from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
 
 Sample = dict[str, NDArray[np.generic]]
@@ -28,11 +30,20 @@ class Found:
         scores: (N,) posterior probabilities, falling.
         boxes_image: (N, 4) 2D boxes x1, y1, x2, y2 in pixels, of a detector that goes by such; None: the projections
             of its boxes stand for them.
+        kinds: (N,) index of each box's class into the detector's ``classes``; None: all are of the first.
     """
 
     boxes_velo: NDArray[np.float64]
     scores: NDArray[np.float64]
     boxes_image: NDArray[np.float64] | None = None
+    kinds: NDArray[np.int64] | None = None
+
+    def types(self, classes: Sequence[str]) -> NDArray[np.str_] | None:
+        """Names of the boxes' classes: (N,); None: all are cars."""
+        if tuple(classes) == CARS:
+            return None
+        kinds = np.zeros(len(self.scores), dtype=np.int64) if self.kinds is None else self.kinds
+        return np.array(classes, dtype=np.str_)[kinds]
 
 
 class Detector(nn.Module, ABC):
@@ -46,9 +57,12 @@ class Detector(nn.Module, ABC):
         NAME: as the papers write it.
         STAGES: the stages it can be trained in; a schedule names some of them, in this order.
         AUGMENTED: whether frames may be changed for it; False where it reads what changes leave as it was.
-        LEARNS_FROM: label types of which a training frame must hold one; none: it learns from empty frames too. An
-            epoch has as many frames in either case.
+        LEARNS_FROM: label types of which a training frame must hold one, of a detector of cars; none: it learns from
+            empty frames too. An epoch has as many frames in either case.
         IMAGE_BOXES: whether it reads what a 2D detector found.
+        MOST_CLASSES: how many classes it detects at most, whatever they are called; None: any number. One that
+            detects several takes their names as its argument ``classes``.
+        classes: that it detects, in order.
         DENSE: its submodules of unchanging shapes where ``compute`` is ``dense``; what ``compile`` compiles.
     """
 
@@ -59,6 +73,15 @@ class Detector(nn.Module, ABC):
     LEARNS_FROM: ClassVar[tuple[str, ...]] = ()
     IMAGE_BOXES: ClassVar[bool] = False
     DENSE: ClassVar[tuple[str, ...]] = ()
+    MOST_CLASSES: ClassVar[int | None] = 1
+    classes: tuple[str, ...] = CARS
+
+    def learns_from(self) -> tuple[str, ...]:
+        """Label types of which a training frame must hold one, for the classes that it detects; none: of no type."""
+        if self.classes == CARS or not self.LEARNS_FROM:
+            return self.LEARNS_FROM
+        targets = getattr(self, "targets", None)
+        return tuple(targets.classes) if isinstance(targets, TargetRule) else self.classes
 
     def train(self, mode: bool = True) -> Self:
         """Set the mode; frozen parts, of an earlier stage, stay in evaluation mode."""
@@ -93,7 +116,7 @@ class Detector(nn.Module, ABC):
 
     @abstractmethod
     def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
-        """Boxes of each frame of a batch: the best ``max_boxes`` above ``min_score``, not yet suppressed."""
+        """Boxes of each frame of a batch: of each class the best ``max_boxes`` above ``min_score``, not suppressed."""
 
     def compile_dense(self) -> None:
         """Let torch compile what is dense; parameters and their names stay.

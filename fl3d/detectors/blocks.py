@@ -99,6 +99,18 @@ def top_scores(logits: NDArray[np.floating], max_boxes: int, min_score: float) -
     return above[np.argsort(-logits[above], kind="stable")[:max_boxes]]
 
 
+def top_scores_by_class(
+    logits: NDArray[np.floating], kinds: NDArray[np.int64], max_boxes: int, min_score: float
+) -> NDArray[np.int64]:
+    """As ``top_scores``, of each class so many: (N,), (N,) -> indices, best first."""
+    parts = []
+    for kind in np.unique(kinds):
+        own = np.flatnonzero(kinds == kind)
+        parts.append(own[top_scores(logits[own], max_boxes, min_score)])
+    every = np.concatenate(parts)
+    return every if len(parts) == 1 else every[np.argsort(-logits[every], kind="stable")]
+
+
 def sigmoid(x: NDArray[np.floating]) -> NDArray[np.float64]:
     """Logistic function in double precision, so that near-certain scores stay distinct."""
     return torch.sigmoid(torch.from_numpy(x).double()).numpy()

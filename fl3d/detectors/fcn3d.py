@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from fl3d.core.typed import Count, Positive
+from fl3d.data.classes import CARS
 from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
 from fl3d.data.voxels import Grid, occupancy
@@ -26,8 +27,9 @@ from fl3d.detectors.blocks import (
     join_ragged,
     scatter_dense,
     sigmoid,
-    top_scores,
+    top_scores_by_class,
 )
+from fl3d.detectors.per_class import PerClass, least_points, own_section
 from fl3d.geometry.boxes import boxes_from_corners, corners_velo, fold
 from fl3d.losses import DetectionLoss
 from fl3d.sparse.background import BackgroundMap, dense
@@ -60,11 +62,14 @@ class FCN3D(Detector):
         norm_order: see ``blocks.conv_block``.
         head_bias: whether the two heads have a bias.
         compute: ``sparse`` or ``dense``: the same function, and the same weights, at different speed.
+        classes: that it detects; each has its own windows and corners, a map behind the other.
+        per_class: of a class ``min_points``, where it is not that of ``targets``.
     """
 
     NAME = "3D-FCN"
     STAGES = ("warmup", "focal", "scratch")
     DENSE = ("body", "obj", "cor")
+    MOST_CLASSES = None
 
     def __init__(
         self,
@@ -80,8 +85,14 @@ class FCN3D(Detector):
         norm_order: str,
         head_bias: bool,
         compute: str = "sparse",
+        classes: Sequence[str] = CARS,
+        per_class: PerClass | None = None,
     ) -> None:
         super().__init__()
+        self.classes = tuple(classes)
+        self.least = least_points(per_class, classes)
+        for name in self.classes:
+            own_section(per_class, name, ("min_points",))
         self.detection_loss = loss
         self.grid = Grid(range_velo, voxel_size)
         self.targets = targets
@@ -102,8 +113,9 @@ class FCN3D(Detector):
                 for (c_in, c_out), k, s in zip(widths, KERNELS, STRIDES, strict=True)
             )
         )
-        self.obj = Conv3d(channels[-1], 1, 3, padding=1, bias=head_bias)
-        self.cor = Conv3d(channels[-1], 24, 3, padding=1, bias=head_bias)
+        n = len(self.classes)
+        self.obj = Conv3d(channels[-1], n, 3, padding=1, bias=head_bias)
+        self.cor = Conv3d(channels[-1], 24 * n, 3, padding=1, bias=head_bias)
         init_he(self)
 
     @property
@@ -123,7 +135,12 @@ class FCN3D(Detector):
             points = points[np.abs(points[:, 1]) < points[:, 0] - self.fov_offset]
         sample: Sample = {"occupied": occupancy(points, self.grid)}
         if training:
-            sample["cells"], sample["corners"] = self.assign(self.targets.boxes_velo(frame))
+            boxes, kinds = self.targets.objects(frame, self.classes, self.least)
+            parts = [self.assign(boxes[kinds == kind]) for kind in range(len(self.classes))]
+            height = np.array([self.cells[0], 0, 0])
+            cells = [own + kind * height for kind, (own, _) in enumerate(parts)]
+            sample["cells"] = np.concatenate(cells)
+            sample["corners"] = np.concatenate([corners for _, corners in parts])
         return sample
 
     def assign(
@@ -158,7 +175,7 @@ class FCN3D(Detector):
         return batch
 
     def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Objectness logits (B, Z, Y, X) and corner offsets (B, Z, Y, X, 24)."""
+        """Objectness logits (B, Z, Y, X) and corner offsets (B, Z, Y, X, 24); Z runs through each class."""
         occupied = batch["occupied"]
         ones = torch.ones(len(occupied), 1, device=occupied.device, dtype=self.obj.weight.dtype)
         if "layout" in batch:
@@ -169,7 +186,14 @@ class FCN3D(Detector):
             )
         features = features.to(ones.dtype)
         with unlowered(ones):  # scores of three digits would tie
-            return dense(self.obj(features))[:, 0], dense(self.cor(features)).movedim(1, -1)
+            return dense(self.obj(features)).flatten(1, 2), self._by_class(
+                dense(self.cor(features))
+            )
+
+    def _by_class(self, corners: Tensor) -> Tensor:
+        """(B, classes * 24, Z, Y, X) -> (B, classes * Z, Y, X, 24)."""
+        by_class = corners.reshape(len(corners), len(self.classes), 24, *corners.shape[2:])
+        return by_class.movedim(2, -1).flatten(1, 2)
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
         """Eq. 7-11: every cell without an object's centre is a negative."""
@@ -197,12 +221,16 @@ class FCN3D(Detector):
         logits, corners = (t.float().cpu().numpy() for t in self(batch))
         found = []
         for frame_logits, frame_corners in zip(logits, corners, strict=True):
-            best = top_scores(frame_logits.ravel(), max_boxes, min_score)
+            each = frame_logits.size // len(self.classes)  # windows of a class
+            all_kinds = np.repeat(np.arange(len(self.classes)), each)
+            best = top_scores_by_class(frame_logits.ravel(), all_kinds, max_boxes, min_score)
             cells = np.stack(np.unravel_index(best, frame_logits.shape), axis=1)
+            cells[:, 0] %= self.cells[0]
             offsets = frame_corners.reshape(-1, 8, 3)[best].astype(np.float64)
             boxes = boxes_from_corners(offsets + self.origins(cells)[:, None])
             boxes[:, 0] += self.x_shift
-            found.append(Found(boxes, sigmoid(frame_logits.ravel()[best])))
+            scores = sigmoid(frame_logits.ravel()[best])
+            found.append(Found(boxes, scores, kinds=all_kinds[best]))
         return found
 
     def example(self) -> Batch:

@@ -10,7 +10,6 @@ from torch import Tensor, nn
 from fl3d.detectors.multibin import MultiBin
 from fl3d.points.slabs import SlabNet, Slabs
 
-KINDS = 3  # car, pedestrian, cyclist: the one-hot code behind every slab's feature; only cars are detected
 KERNELS = ((3, 1), (3, 2), (3, 2), (3, 2))  # and strides of the four blocks' first convolutions
 
 
@@ -28,7 +27,7 @@ class FrustumNet(nn.Module):
         reach: first and last depth, metres.
         widths: of the four blocks.
         up: channels that each of the last three blocks is brought to.
-        code: of boxes.
+        code: of boxes; a one-hot code of its size classes stands behind every slab's feature.
     """
 
     def __init__(
@@ -42,7 +41,8 @@ class FrustumNet(nn.Module):
         super().__init__()
         self.slabs, self.reach = slabs, reach
         self.points = nn.ModuleList(SlabNet(one) for one in slabs)
-        seen = [one.widths[-1] + KINDS for one in slabs]
+        self.kinds = len(code.sizes)
+        seen = [one.widths[-1] + self.kinds for one in slabs]
         self.blocks, self.merges, self.raised = nn.ModuleList(), nn.ModuleList(), nn.ModuleList()
         c_in = seen[0]
         for i, ((kernel, stride), width) in enumerate(zip(KERNELS, widths, strict=True)):
@@ -70,14 +70,14 @@ class FrustumNet(nn.Module):
         rise = slope[:, None] * depths
         return torch.stack([depths.expand_as(rise), torch.zeros_like(rise), rise], dim=-1)
 
-    def forward(self, points: Tensor, slope: Tensor) -> tuple[Tensor, Tensor]:
-        """(K, P, 3), (K,) -> logits of object against background (K, L) and codes (K, L, width)."""
+    def forward(self, points: Tensor, slope: Tensor, kinds: Tensor) -> tuple[Tensor, Tensor]:
+        """(K, P, 3), (K,), size class (K,) -> logits of object against background (K, L) and codes (K, L, width)."""
         seen = []
         for level, net in enumerate(self.points):
             features = net(points, self.places(slope, level)).transpose(1, 2)
-            kind = torch.zeros(len(points), KINDS, features.shape[2], device=points.device)
-            kind[:, 0] = 1  # a car
-            seen.append(torch.cat([features, kind], dim=1))
+            code = torch.zeros(len(points), self.kinds, features.shape[2], device=points.device)
+            code[torch.arange(len(points), device=points.device), kinds] = 1
+            seen.append(torch.cat([features, code], dim=1))
         x, raised, length = self.blocks[0](seen[0]), [], seen[1].shape[2]
         for block, merge, raise_, own in zip(
             self.blocks[1:], self.merges, self.raised, seen[1:], strict=True

@@ -83,9 +83,14 @@ class FrustumView:
     jitter: Jitter
 
     def learn(
-        self, frame: Frame, boxes_image: Array, objects: Array, rng: np.random.Generator
+        self,
+        frame: Frame,
+        boxes_image: Array,
+        objects: Array,
+        kinds: NDArray[np.int64],
+        rng: np.random.Generator,
     ) -> Sample:
-        """Training samples: (N, 4) 2D boxes, (N, 7) ``boxes_velo`` of their objects."""
+        """Training samples: (N, 4) 2D boxes, (N, 7) ``boxes_velo`` of their objects, (N,) size classes."""
         boxes_image = jittered(boxes_image, self.jitter.shift, self.jitter.size, rng)
         rows, boxes, kept = [], [], []
         seen = _Seen(frame, boxes_image, self.nearest)
@@ -100,10 +105,19 @@ class FrustumView:
             rows.append(points + [shift, 0, 0])
             boxes.append(box + [shift, *[0] * 6])
             kept.append(k)
-        return self._sample(rows, seen, kept) | {"boxes": _table(boxes, 7)}
+        return self._sample(rows, seen, kept) | {
+            "boxes": _table(boxes, 7),
+            "kinds": kinds[np.array(kept, dtype=np.int64)],
+        }
 
-    def look(self, frame: Frame, image_boxes: Array, rng: np.random.Generator) -> Sample:
-        """What lies behind the 2D boxes of a detector, with their scores: (N, 5)."""
+    def look(
+        self,
+        frame: Frame,
+        image_boxes: Array,
+        kinds: NDArray[np.int64],
+        rng: np.random.Generator,
+    ) -> Sample:
+        """What lies behind the 2D boxes of a detector, with their scores, and size classes: (N, 5), (N,)."""
         seen, rows, kept = _Seen(frame, image_boxes[:, :4], self.nearest), [], []
         for k, own in seen.behind():
             if (own[:, 0] < self.reach[1]).any():
@@ -112,6 +126,7 @@ class FrustumView:
         return self._sample(rows, seen, kept) | {
             "image_scores": image_boxes[kept, 4].astype(np.float32),
             "boxes_image": seen.boxes[kept],
+            "kinds": kinds[np.array(kept, dtype=np.int64)],
         }
 
     def _sample(self, rows: list[Array], seen: _Seen, kept: list[int]) -> Sample:
@@ -179,9 +194,11 @@ class BoxView:
             make(Jitter, options["jitter"], "detector.refine.jitter"),
         )
 
-    def learn(self, frame: Frame, objects: Array, rng: np.random.Generator) -> Sample:
-        """Training samples: jittered objects (N, 7), as if the first stage had found them."""
-        rows, boxes = [], []
+    def learn(
+        self, frame: Frame, objects: Array, kinds: NDArray[np.int64], rng: np.random.Generator
+    ) -> Sample:
+        """Training samples: jittered objects (N, 7) of size classes (N,), as if the first stage had found them."""
+        rows, boxes, kept = [], [], []
         found = self._jittered(objects, rng)
         for k, own in self._inside(cloud_velo(frame, self.nearest).astype(np.float64), found):
             target = moved(objects[k : k + 1], -_center(found[k]), -found[k, 6] - ACROSS)[0]
@@ -189,7 +206,12 @@ class BoxView:
             shift = self.jitter.along(target, 1.0, rng)
             rows.append(points + [shift, 0, 0])
             boxes.append(target + [shift, *[0] * 6])
-        return {"points": _table(rows, self.points, 3), "boxes": _table(boxes, 7)}
+            kept.append(k)
+        return {
+            "points": _table(rows, self.points, 3),
+            "boxes": _table(boxes, 7),
+            "kinds": kinds[np.array(kept, dtype=np.int64)],
+        }
 
     def look(self, points_velo: Array, boxes_velo: Array) -> tuple[NDArray[np.float32], list[int]]:
         """Points (K, points, 3) of those boxes that hold any, the first ones repeated, and which boxes these are."""

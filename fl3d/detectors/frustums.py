@@ -101,36 +101,53 @@ def by_frame(
     boxes: Tensor,
     scores: Tensor,
     boxes_image: Tensor,
+    kinds: Tensor,
     frames: Tensor,
     n_frames: int,
     max_boxes: int,
     min_score: float,
 ) -> list[Found]:
-    """Boxes of each frame, best first: (N, 7) ``boxes_velo``, (N,), (N, 4), (N,) -> one ``Found`` a frame."""
+    """Boxes of each frame, best first, of each class so many: (N, 7) ``boxes_velo``, (N,), (N, 4), (N,), (N,)."""
     rows, values, owner = (
         boxes.double().cpu().numpy(),
         scores.double().cpu().numpy(),
         frames.cpu().numpy(),
     )
-    images = boxes_image.double().cpu().numpy()
+    images, classes = boxes_image.double().cpu().numpy(), kinds.cpu().numpy()
     rows[:, 6] = wrap(rows[:, 6])
     found = []
     for frame in range(n_frames):
         is_box = (rows[:, 3:6] > LEAST_SIZE).all(axis=1)
         own: NDArray[np.int64] = np.flatnonzero((owner == frame) & (values >= min_score) & is_box)
-        own = own[np.argsort(-values[own], kind="stable")[:max_boxes]]
-        found.append(Found(rows[own], values[own], images[own]))
+        own = own[np.argsort(-values[own], kind="stable")]
+        own = own[_first_of_each(classes[own], max_boxes)]
+        found.append(Found(rows[own], values[own], images[own], classes[own]))
     return found
 
 
+def _first_of_each(kinds: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+    """Which are among the first so many of their class: (N,) -> (N,)."""
+    kept = np.zeros(len(kinds), dtype=bool)
+    for kind in np.unique(kinds):
+        kept[np.flatnonzero(kinds == kind)[:count]] = True
+    return kept
+
+
 def suppressed(found: Found, count: int) -> Found:
-    """The best boxes of a frame that do not overlap a better one."""
-    boxes_velo = found.boxes_velo
-    kept = nms(
-        rectangles_velo(boxes_velo), found.scores, SUPPRESSED, "3d", count, spans_velo(boxes_velo)
-    )
+    """Of each class the best boxes of a frame that do not overlap a better one."""
+    boxes_velo, scores = found.boxes_velo, found.scores
+    kinds = np.zeros(len(scores), dtype=np.int64) if found.kinds is None else found.kinds
+    parts = [np.zeros(0, dtype=np.int64)]
+    for kind in np.unique(kinds):
+        own = np.flatnonzero(kinds == kind)
+        rectangles, spans = rectangles_velo(boxes_velo[own]), spans_velo(boxes_velo[own])
+        parts.append(own[nms(rectangles, scores[own], SUPPRESSED, "3d", count, spans)])
+    kept = np.concatenate(parts)
+    if len(parts) > 2:
+        kept = kept[np.argsort(-scores[kept], kind="stable")]
     return Found(
         boxes_velo[kept],
-        found.scores[kept],
+        scores[kept],
         None if found.boxes_image is None else found.boxes_image[kept],
+        kinds[kept],
     )

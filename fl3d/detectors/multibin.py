@@ -25,21 +25,19 @@ class MultiBin:
         sizes: mean h, w, l of each size class, metres.
         yaw_bins: number of headings' bins; the first is centred at 0.
         weights: of ``yaw_bin``, ``yaw`` (residual), ``size`` (residual) and ``corner`` in the loss.
-        own: size class that all objects have.
     """
 
     sizes: Sequence[Sequence[float]]
     yaw_bins: int
     weights: Mapping[str, float]
-    own: int = 0
 
     @property
     def width(self) -> int:
         """Outputs of a place: 3 of the centre, bins and residuals of yaw, classes and residuals of size."""
         return 3 + 2 * self.yaw_bins + 4 * len(self.sizes)
 
-    def loss(self, outputs: Tensor, boxes: Tensor) -> dict[str, Tensor]:
-        """Means over boxes of all terms, weighed: (N, width), (N, 7) relative to their places."""
+    def loss(self, outputs: Tensor, boxes: Tensor, kinds: Tensor) -> dict[str, Tensor]:
+        """Means over boxes of all terms, weighed: (N, width), (N, 7) relative to their places, size class (N,)."""
         if not len(boxes):
             nothing = outputs.sum() * 0
             return dict.fromkeys(("reg_center", "reg_yaw", "reg_size", "reg_corner"), nothing)
@@ -49,18 +47,17 @@ class MultiBin:
         chosen = shifted.floor().clamp(max=self.yaw_bins - 1).long()
         rest = 2 * (shifted - chosen - 0.5)
         own_rest = yaw_rest.gather(1, chosen[:, None])[:, 0]
-        mean = boxes.new_tensor(self.sizes[self.own])
-        classes = torch.full_like(chosen, self.own)
+        mean = boxes.new_tensor(self.sizes)[kinds]
+        own_size = size_rest[torch.arange(len(kinds), device=kinds.device), kinds]
         off = (boxes[:, :3] - center).norm(dim=1)
-        stretch = (size_rest[:, self.own] - (boxes[:, 3:6] - mean) / mean).norm(dim=1)
+        stretch = (own_size - (boxes[:, 3:6] - mean) / mean).norm(dim=1)
         turn = F.cross_entropy(yaw, chosen) * self.weights["yaw_bin"]
         turned = chosen * step + own_rest * (step / 2)
-        decoded = torch.cat([center, size_rest[:, self.own] * mean + mean, turned[:, None]], dim=1)
+        decoded = torch.cat([center, own_size * mean + mean, turned[:, None]], dim=1)
         return {
             "reg_center": _huber(off, CENTER_HUBER),
             "reg_yaw": turn + self.weights["yaw"] * F.smooth_l1_loss(own_rest, rest),
-            "reg_size": F.cross_entropy(size, classes)
-            + self.weights["size"] * _huber(stretch, 1.0),
+            "reg_size": F.cross_entropy(size, kinds) + self.weights["size"] * _huber(stretch, 1.0),
             "reg_corner": self.weights["corner"] * _huber(corner_distance(decoded, boxes), 1.0),
         }
 

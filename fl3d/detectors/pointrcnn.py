@@ -16,12 +16,14 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from fl3d.core.typed import Count, NotNegative, Positive, make
+from fl3d.data.classes import CARS
 from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
 from fl3d.data.voxels import Grid
 from fl3d.detectors.base import Batch, Detector, Found, Sample
 from fl3d.detectors.bins import BinCode
 from fl3d.detectors.blocks import join, join_ragged, sigmoid, top_scores
+from fl3d.detectors.per_class import PerClass, least_points, mean_size
 from fl3d.detectors.point_nets import RCNN, RPN, Refinement, initialise, last_layer
 from fl3d.detectors.regions import centered, from_regions, pool, relative_to_regions
 from fl3d.detectors.rois import ProposalRule, RoiRule
@@ -43,7 +45,7 @@ class PointRCNN(Detector):
         points: sampled of a frame.
         far: metres; points beyond are kept before any other.
         margin: metres around an object where points are neither foreground nor background.
-        size: mean h, w, l of the class in metres.
+        size: mean h, w, l of cars in metres.
         targets: which labels are objects.
         levels: of the backbone's way down, see ``points.network.Level``.
         up: widths of its way up.
@@ -51,6 +53,8 @@ class PointRCNN(Detector):
         train: which proposals the second stage sees in training, see ``ProposalRule``.
         test: likewise at test time.
         rcnn: the second stage, see ``Refinement``; None: there is none yet, and proposals are what is found.
+        classes: the one that it detects: its code has a network of each.
+        per_class: of a class other than cars ``size``, and ``min_points``.
     """
 
     VERSION = 2
@@ -73,8 +77,13 @@ class PointRCNN(Detector):
         train: Mapping[str, Any],
         test: Mapping[str, Any],
         rcnn: Mapping[str, Any] | None = None,
+        classes: Sequence[str] = CARS,
+        per_class: PerClass | None = None,
     ) -> None:
         super().__init__()
+        self.classes = tuple(classes)
+        self.least = least_points(per_class, classes)
+        own_size = mean_size(self.classes[0], size, per_class)
         self.point_loss = loss
         self.grid = Grid(
             range_velo, [a - b for a, b in zip(range_velo[3:], range_velo[:3], strict=True)]
@@ -84,7 +93,7 @@ class PointRCNN(Detector):
             True: make(ProposalRule, train, "detector.train"),
             False: make(ProposalRule, test, "detector.test"),
         }
-        self.code = BinCode(rpn["search"], rpn["bin"], int(rpn["yaw_bins"]), 2 * pi, size)
+        self.code = BinCode(rpn["search"], rpn["bin"], int(rpn["yaw_bins"]), 2 * pi, own_size)
         backbone = Backbone([make(Level, level, "detector.levels") for level in levels], up)
         self.rpn = RPN(backbone, int(rpn["head"]), self.code, rpn["dropout"])
         initialise(self.rpn, nn.init.kaiming_normal_)
@@ -97,7 +106,7 @@ class PointRCNN(Detector):
             }
             self.second = make(Refinement, {**rcnn, **own}, "detector.rcnn")
             self.roi_code = BinCode(
-                self.second.search, self.second.bin, self.second.yaw_bins, pi / 2, size
+                self.second.search, self.second.bin, self.second.yaw_bins, pi / 2, own_size
             )
             self.rcnn = RCNN(self.second, backbone.c_out, self.roi_code)
             initialise(self.rcnn, nn.init.xavier_normal_)
@@ -113,7 +122,7 @@ class PointRCNN(Detector):
         )
         sample: Sample = {"points": points}
         if training:
-            objects = self.targets.boxes_velo(frame)
+            objects, _ = self.targets.objects(frame, self.classes, self.least)
             objects = objects[self.grid.inside(objects)]
             owner = owners(points, objects, self.margin)
             labels = np.where(owner >= 0, FOREGROUND, np.where(owner == NEAR, IGNORED, BACKGROUND))

@@ -97,24 +97,34 @@ class RPN(nn.Module):
         widths: channels of the three blocks.
         up: channels of each deconvolution.
         norm_order: see ``blocks.conv_block``.
+        stride: of the first convolution.
+        classes: how many have anchors at each place.
     """
 
-    def __init__(self, c_in: int, widths: tuple[int, int, int], up: int, norm_order: str) -> None:
+    def __init__(
+        self,
+        c_in: int,
+        widths: tuple[int, int, int],
+        up: int,
+        norm_order: str,
+        stride: int = 2,
+        classes: int = 1,
+    ) -> None:
         super().__init__()
         self.blocks, self.deconvs = nn.ModuleList(), nn.ModuleList()
-        for layers, width, (kernel, stride) in zip(BLOCK_LAYERS, widths, UPSAMPLE, strict=True):
+        for layers, width, (kernel, rise) in zip(BLOCK_LAYERS, widths, UPSAMPLE, strict=True):
             convs = [
-                Conv2d(c_in, width, 3, 2, 1),
+                Conv2d(c_in, width, 3, 2 if self.blocks else stride, 1),
                 *(Conv2d(width, width, 3, 1, 1) for _ in range(layers - 1)),
             ]
             self.blocks.append(
                 nn.Sequential(*(conv_block(c, BatchNorm2d(width), norm_order) for c in convs))
             )
-            deconv = ConvTranspose2d(width, up, kernel, stride, padding=(kernel - stride) // 2)
+            deconv = ConvTranspose2d(width, up, kernel, rise, padding=(kernel - rise) // 2)
             self.deconvs.append(conv_block(deconv, BatchNorm2d(up), norm_order))
             c_in = width
-        self.prob = Pointwise(3 * up, 2)
-        self.reg = Pointwise(3 * up, 14)
+        self.prob = Pointwise(3 * up, 2 * classes)
+        self.reg = Pointwise(3 * up, 14 * classes)
 
     def lay_out(self, layout: Layout | None) -> None:
         """Make the rulebooks of what is sparse in it, see ``sparse.layers.lay_out``."""
@@ -123,7 +133,7 @@ class RPN(nn.Module):
             lay_out(layout, deconv)
 
     def forward(self, bev: Map) -> tuple[Tensor, Tensor]:
-        """(B, C, H, W), or a map -> logits (B, H/2 * W/2 * 2) and residuals (B, H/2 * W/2 * 2, 7)."""
+        """(B, C, H, W), or a map -> logits (B, H/2 * W/2 * 2) and residuals (B, H/2 * W/2 * 2, 7), of one class."""
         raised = []
         for block, deconv in zip(self.blocks, self.deconvs, strict=True):
             bev = block(bev)

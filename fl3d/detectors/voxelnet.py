@@ -13,10 +13,11 @@ import torch
 from torch import Tensor, nn
 
 from fl3d.core.typed import Count, Positive, make
+from fl3d.data.classes import CARS
 from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
 from fl3d.data.voxels import Grid, Voxels, voxelize
-from fl3d.detectors.anchors import Anchors, decode_boxes, encode_boxes
+from fl3d.detectors.anchors import Anchors, ClassAnchors, decode_boxes, encode_boxes
 from fl3d.detectors.base import Batch, Detector, Found, Sample
 from fl3d.detectors.blocks import (
     check_compute,
@@ -26,8 +27,9 @@ from fl3d.detectors.blocks import (
     join_ragged,
     scatter_dense,
     sigmoid,
-    top_scores,
+    top_scores_by_class,
 )
+from fl3d.detectors.per_class import PerClass, least_points, needs, own_section
 from fl3d.detectors.voxel_nets import N_FEATURES, RPN, FeatureNet
 from fl3d.geometry.boxes import fold, wrap
 from fl3d.losses import DetectionLoss
@@ -57,12 +59,16 @@ class VoxelNet(Detector):
         mask_max: leave padded slots out of the maxima and of batch normalisation; False pads every voxel to
             ``max_points`` rows, as the paper's code does.
         compute: ``sparse``, up to where maps are nearly dense, or ``dense``: the same function, and the same weights.
+        rpn_stride: of the RPN's first convolution; its paper has 2 for cars and 1 for pedestrians and cyclists.
+        classes: that it detects; each has its own two anchors at every place, and a box is of its anchor's class.
+        per_class: of classes other than cars ``anchors``, with ``size`` and ``z`` at least, and ``min_points``.
     """
 
     VERSION = 2
     NAME = "VoxelNet"
     STAGES = ("warmup", "focal", "scratch")
     DENSE = ("middle", "rpn")
+    MOST_CLASSES = None
 
     def __init__(
         self,
@@ -81,10 +87,15 @@ class VoxelNet(Detector):
         norm_order: str,
         mask_max: bool,
         compute: str = "sparse",
+        rpn_stride: Count = 2,
+        classes: Sequence[str] = CARS,
+        per_class: PerClass | None = None,
     ) -> None:
         super().__init__()
         check_compute(compute)
         self.compute = compute
+        self.classes = tuple(classes)
+        self.least = least_points(per_class, classes)
         self.detection_loss = loss
         self.grid = Grid(range_velo, voxel_size)
         self.max_points = max_points
@@ -108,13 +119,39 @@ class VoxelNet(Detector):
         )
         for _, stride, pad in layers:
             depth = (depth + 2 * pad - 3) // stride + 1
-        self.rpn = RPN(middle * depth, rpn, up, norm_order)
-        shape = (-(-height // 2), -(-width // 2))
-        self.matcher = make(
-            Anchors, anchors, "detector.anchors", range_velo=self.grid.range_velo, shape=shape
+        self.rpn = RPN(middle * depth, rpn, up, norm_order, rpn_stride, len(self.classes))
+        shape = (-(-height // rpn_stride), -(-width // rpn_stride))
+        self.matcher = ClassAnchors(
+            [self._anchors(name, anchors, per_class, shape) for name in self.classes]
         )
         self.anchors = self.matcher.boxes_velo
         init_he(self)
+
+    def _anchors(
+        self,
+        name: str,
+        plain: Mapping[str, object],
+        per_class: PerClass | None,
+        shape: tuple[int, int],
+    ) -> Anchors:
+        """Of one class: its own keys, and those of cars for what it does not tell.
+
+        Raises:
+            ConfigError: it is not cars, and has no size or height.
+        """
+        own = own_section(per_class, name, ("anchors", "min_points")).get("anchors")
+        is_told = isinstance(own, Mapping) and {"size", "z"} <= set(own)
+        if (name,) != CARS and not is_told:
+            example = "'{size:[1.73,0.6,0.8],z:-1.465,positive:0.5,negative:0.35}'"
+            raise needs(name, "anchors", example, "height, width, length and bottom in metres")
+        key = f"detector.per_class.{name}.anchors" if own else "detector.anchors"
+        return make(
+            Anchors,
+            {**plain, **(own or {})},
+            key,
+            range_velo=self.grid.range_velo,
+            shape=shape,
+        )
 
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
         """Grouped points with seven features; for training, matched anchors and their residuals."""
@@ -124,9 +161,9 @@ class VoxelNet(Detector):
         if not self.mask_max:
             sample.update(self._pad(voxels))
         if training:
-            boxes = self.targets.boxes_velo(frame)
+            boxes, kinds = self.targets.objects(frame, self.classes, self.least)
             boxes[:, 6] = fold(boxes[:, 6], self.heading_fold)
-            chosen, owners, negative = self.matcher.assign(boxes)
+            chosen, owners, negative = self.matcher.assign(boxes, kinds)
             sample["positive"] = chosen[:, None]
             sample["residuals"] = encode_boxes(boxes[owners], self.anchors[chosen]).astype(
                 np.float32
@@ -204,10 +241,11 @@ class VoxelNet(Detector):
         logits, residuals = (t.float().cpu().numpy() for t in self(batch))
         found = []
         for frame_logits, frame_residuals in zip(logits, residuals, strict=True):
-            best = top_scores(frame_logits, max_boxes, min_score)
+            best = top_scores_by_class(frame_logits, self.matcher.kinds, max_boxes, min_score)
             boxes = decode_boxes(frame_residuals[best].astype(np.float64), self.anchors[best])
             boxes[:, 6] = wrap(boxes[:, 6])
-            found.append(Found(boxes, sigmoid(frame_logits[best])))
+            kinds = self.matcher.kinds[best]
+            found.append(Found(boxes, sigmoid(frame_logits[best]), kinds=kinds))
         return found
 
     def example(self) -> Batch:

@@ -159,8 +159,13 @@ class Comparison:
             else is_far(self.det, level, self.protocol)
         )
         return (
-            ground_truth_flags(self.gt, name.lower(), ignored_at(why, len(self.gt.types))),
-            detection_flags(self.det, name.lower(), level, self.protocol),
+            ground_truth_flags(
+                self.gt,
+                name,
+                self.protocol.neighbours_of(name),
+                ignored_at(why, len(self.gt.types)),
+            ),
+            detection_flags(self.det, name, level, self.protocol),
             excused,
         )
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.label_table import NAMES, OTHER, LabelTable, table_from_labels
+from fl3d.data.label_table import OTHER, LabelTable, table_from_labels
 from fl3d.data.labels import TYPES, Labels
-from fl3d.evaluation.levels import NEIGHBOURS, Mask, Reason, reasons, result_reasons
+from fl3d.evaluation.levels import Mask, Reason, reasons, result_reasons
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
 
 TURN = 2 * np.pi
@@ -33,7 +33,7 @@ class LabelCounts:
         labels: by class that counts, such as ``{"Car": 120}``, whatever their difficulty.
         counted: of them by class and difficulty, ground truths that count (``n_gt``).
         ignored: of them by class and difficulty, how many do not count for which reason; only what is not 0.
-        neighbours: by class, those of its neighbour (Van for Car), which are neither hits nor misses.
+        neighbours: by class, labels of its neighbours by their names (Van for Car), which are neither hits nor misses.
         others: labels of every other class, by its name as it is written, most first.
         dontcare: regions to be ignored.
         without_size: by class, its labels, where none of them has a 3D box.
@@ -45,7 +45,7 @@ class LabelCounts:
     labels: dict[str, int]
     counted: dict[str, dict[str, int]]
     ignored: dict[str, dict[str, dict[Reason, int]]]
-    neighbours: dict[str, int]
+    neighbours: dict[str, dict[str, int]]
     others: dict[str, int]
     dontcare: int
     without_size: dict[str, int]
@@ -106,16 +106,17 @@ def count_labels(
     """
     gt = labels if isinstance(labels, LabelTable) else table_from_labels(labels)
     names = list(protocol.overlaps if classes is None else classes)
-    own = {name: gt.types == NAMES.index(name.lower()) for name in names}
+    own = {name: gt.of(name) for name in names}
     why = [reasons(gt, level, protocol, beyond, points) for level in range(len(DIFFICULTIES))]
     ignored = {
         name: {level: _first(mask, of) for level, of in zip(DIFFICULTIES, why, strict=True)}
         for name, mask in own.items()
     }
     total = {name: int(mask.sum()) for name, mask in own.items()}
-    neighbours = {name: NEIGHBOURS[name.lower()] for name in names if name.lower() in NEIGHBOURS}
+    neighbours = {name: protocol.neighbours_of(name) for name in names}
     by_name = _by_name(gt)
-    known = {name.lower() for name in names} | set(neighbours.values()) | {"dontcare"}
+    known = {name.lower() for name in names} | {"dontcare"}
+    known |= {other.lower() for of in neighbours.values() for other in of}
     return LabelCounts(
         n_frames=len(gt),
         n_labels=len(gt.types),
@@ -126,10 +127,12 @@ def count_labels(
         },
         ignored=ignored,
         neighbours={
-            name: int((gt.types == NAMES.index(other)).sum()) for name, other in neighbours.items()
+            name: {other: int(gt.of(other).sum()) for other in of}
+            for name, of in neighbours.items()
+            if of
         },
         others={name: n for name, n in by_name.items() if name.lower() not in known},
-        dontcare=int((gt.types == NAMES.index("dontcare")).sum()),
+        dontcare=int(gt.of("DontCare").sum()),
         without_size=_without_size(gt, own),
         turned=_turned(gt, _any(own, len(gt.types))),
     )
@@ -142,7 +145,7 @@ def count_results(det: LabelTable, protocol: Protocol) -> ResultCounts:
         det: results with scores.
         protocol: what counts.
     """
-    own = {name: det.types == NAMES.index(name.lower()) for name in protocol.overlaps}
+    own = {name: det.of(name) for name in protocol.overlaps}
     any_own = _any(own, len(det.types))
     why = [result_reasons(det, level, protocol) for level in range(len(DIFFICULTIES))]
     known = {name.lower() for name in protocol.overlaps}

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -15,12 +16,13 @@ from numpy.typing import NDArray
 from fl3d.core.errors import DataError
 from fl3d.core.files import write_atomically
 from fl3d.data.calibration import Calibration
+from fl3d.data.classes import CARS
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.label_table import LabelTable, table_from_labels
 from fl3d.data.labels import Labels
 from fl3d.data.projection import project_boxes
-from fl3d.evaluation.average_precision import Comparison, compare, evaluate
-from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.average_precision import Comparison, Curve, compare, evaluate
+from fl3d.evaluation.protocol import Protocol, of_class
 from fl3d.evaluation.recall import OVERLAPS, best_overlaps
 from fl3d.evaluation.results import from_parquet, is_results
 from fl3d.evaluation.stored import StoredDetections
@@ -42,6 +44,7 @@ class Detections(StoredDetections):
         boxes_velo: (N, 7).
         scores: (N,).
         boxes_image: (N, 4), where the detector goes by 2D boxes; else they are projected.
+        types: (N,) class of each; None: all are cars, as in files that name no class.
     """
 
     frame_ids: tuple[str, ...]
@@ -49,17 +52,19 @@ class Detections(StoredDetections):
     boxes_velo: Float
     scores: Float
     boxes_image: Float | None = None
+    types: NDArray[np.str_] | None = None
 
-    def of(self, index: int) -> tuple[Float, Float, Float | None]:
-        """Boxes, scores and 2D boxes of one frame."""
+    def of(self, index: int) -> tuple[Float, Float, Float | None, NDArray[np.str_] | None]:
+        """Boxes, scores, 2D boxes and classes of one frame."""
         rows = self.frame == index
         return (
             self.boxes_velo[rows],
             self.scores[rows],
             None if self.boxes_image is None else self.boxes_image[rows],
+            None if self.types is None else self.types[rows],
         )
 
-    def cars(
+    def labels_of(
         self,
         index: int,
         calibration: Calibration,
@@ -67,19 +72,28 @@ class Detections(StoredDetections):
         protocol: Protocol,
     ) -> Labels:
         """See ``to_labels``."""
-        return to_labels(*self.of(index), calibration, image_size, protocol)
+        boxes, scores, image, types = self.of(index)
+        return to_labels(boxes, scores, image, calibration, image_size, protocol, types)
 
-    def boxes_of(self, index: int, calibration: Calibration) -> Float:
+    def boxes_of(self, index: int, name: str, calibration: Calibration) -> Float:
         """See ``StoredDetections``."""
-        return self.of(index)[0]
+        boxes, _, _, types = self.of(index)
+        if types is None:
+            return boxes if name == CARS[0] else boxes[:0]
+        return boxes[types == name]
 
 
 def write_detections(path: Path, detections: Detections) -> None:
-    """Store as Parquet: a row a box, the frames' list in the metadata."""
-    columns = {"frame": detections.frame.astype(np.int32), "score": detections.scores}
+    """Store as Parquet: a row a box, the frames' list in the metadata; a column of classes unless all are cars."""
+    columns: dict[str, Any] = {
+        "frame": detections.frame.astype(np.int32),
+        "score": detections.scores,
+    }
     columns |= {name: detections.boxes_velo[:, i] for i, name in enumerate(BOX_COLUMNS)}
     if detections.boxes_image is not None:
         columns |= {name: detections.boxes_image[:, i] for i, name in enumerate(IMAGE_COLUMNS)}
+    if detections.types is not None:
+        columns["type"] = pa.array(detections.types.tolist(), pa.string()).dictionary_encode()
     table = pa.table(columns).replace_schema_metadata({"frame_ids": " ".join(detections.frame_ids)})
     write_atomically(path, lambda temporary: pq.write_table(table, temporary, compression="zstd"))
 
@@ -99,8 +113,11 @@ def read_detections(path: Path) -> StoredDetections:
         image = None
         if IMAGE_COLUMNS[0] in table.column_names:
             image = np.column_stack([table[name].to_numpy() for name in IMAGE_COLUMNS])
+        types = None
+        if "type" in table.column_names:
+            types = np.array(table["type"].to_pylist(), dtype=np.str_)
         frame = table["frame"].to_numpy().astype(np.int64)
-        return Detections(frame_ids, frame, boxes, table["score"].to_numpy(), image)
+        return Detections(frame_ids, frame, boxes, table["score"].to_numpy(), image, types)
     except (OSError, KeyError, TypeError, pa.ArrowException) as error:
         raise DataError(f"is not a file of detections ({error})", path) from None
 
@@ -158,6 +175,7 @@ def to_labels(
     calibration: Calibration,
     image_size: tuple[int, int],
     protocol: Protocol,
+    types: NDArray[np.str_] | None = None,
 ) -> Labels:
     """One frame's detections as the protocol wants them: cut, suppressed, projected, best first.
 
@@ -169,20 +187,12 @@ def to_labels(
         image_size: (width, height); boxes without any part in the picture are dropped, for KITTI labels only
             what the camera sees. A protocol that does without the picture drops none, projects none, and leaves a
             2D box that a detector has not found itself at 0 0 0 0.
-        protocol: cut, suppression, 2D box, and whether the picture counts.
+        protocol: cut, suppression (of each class by itself), 2D box, and whether the picture counts.
+        types: (N,) class of each; None: all are cars.
     """
-    above = np.flatnonzero(scores >= protocol.score_threshold)
-    kept = above[
-        nms(
-            rectangles_velo(boxes_velo[above]),
-            scores[above],
-            protocol.nms_iou,
-            protocol.nms_kind,
-            protocol.max_detections,
-            spans_velo(boxes_velo[above]),
-        )
-    ]
-    boxes_velo, scores = boxes_velo[kept], scores[kept]
+    types = np.full(len(scores), CARS[0]) if types is None else types
+    kept = _unsuppressed(boxes_velo, scores, types, protocol)
+    boxes_velo, scores, types = boxes_velo[kept], scores[kept], types[kept]
     visible = np.ones(len(kept), dtype=bool)
     projected = np.zeros((len(kept), 4))
     if protocol.uses_picture:
@@ -191,7 +201,7 @@ def to_labels(
     boxes_cam = calibration.boxes_to_cam(boxes_velo)
     n = len(scores)
     labels = Labels(
-        types=np.full(n, "Car"),
+        types=types,
         truncated=np.zeros(n),
         occluded=np.zeros(n, dtype=np.int64),
         alpha=np.full(n, -10.0),
@@ -200,6 +210,26 @@ def to_labels(
         scores=scores,
     )
     return labels.select(visible)
+
+
+def _unsuppressed(
+    boxes_velo: Float, scores: Float, types: NDArray[np.str_], protocol: Protocol
+) -> NDArray[np.int64]:
+    """Indices of the boxes of a frame that stay, best first."""
+    parts = [np.zeros(0, dtype=np.int64)]
+    for name in np.unique(types):
+        own = np.flatnonzero((types == name) & (scores >= protocol.score_threshold))
+        kept = nms(
+            rectangles_velo(boxes_velo[own]),
+            scores[own],
+            protocol.nms_iou,
+            protocol.nms_kind,
+            protocol.max_detections,
+            spans_velo(boxes_velo[own]),
+        )
+        parts.append(own[kept])
+    every = np.concatenate(parts)
+    return every if len(parts) == 2 else every[np.argsort(-scores[every], kind="stable")]
 
 
 def compare_stored(
@@ -225,7 +255,7 @@ def compare_stored(
 def ground_truths(
     validation: Validation, protocol: Protocol
 ) -> tuple[LabelTable, NDArray[np.bool_], NDArray[np.int64] | None]:
-    """What ``compare`` takes of the validation frames, and ``count_labels(gt, protocol, ["Car"], beyond, points)``.
+    """What ``compare`` takes of the validation frames, and ``count_labels(gt, protocol, classes, beyond, points)``.
 
     Returns:
         the labels, which of them lie outside the protocol's area (G,), and the points on each (G,), which are None
@@ -245,35 +275,55 @@ def ground_truths(
 def score(
     detections: StoredDetections, validation: Validation, protocol: Protocol
 ) -> dict[str, float]:
-    """AP of a checkpoint's detections of cars, and recall of all its boxes; arguments and errors as ``compare_stored``.
+    """AP of a checkpoint's detections, and recall of all its boxes; arguments and errors as ``compare_stored``.
 
     Returns:
         ``{"ap_3d/moderate": ..., "ap_3d_r40/moderate": ..., ...}`` for image, bev and 3d in percent; and
-        ``{"recall_3d/0.5": ...}``, the share of cars that any stored box overlaps by more, before cut and suppression,
-        with ``recall_3d/mean_iou``, their mean best overlap.
+        ``{"recall_3d/0.5": ...}``, the share of objects that any stored box of their class overlaps by more, before
+        cut and suppression, with ``recall_3d/mean_iou``, their mean best overlap. Of several classes these are the
+        means over classes, and each class has its own: ``ap_3d/moderate/Pedestrian``.
     """
-    curves = evaluate(compare_stored(detections, validation, protocol), ["Car"])["Car"]
-    scores_by_name = {}
+    curves = evaluate(compare_stored(detections, validation, protocol), protocol.classes)
+    by_class = {}
+    for name, own in curves.items():
+        best = best_overlaps(_objects_and_boxes(detections, validation, protocol, name))
+        by_class[name] = _aps(own) | _recalls(best)
+    if len(by_class) == 1:
+        return by_class[protocol.classes[0]]
+    keys = by_class[protocol.classes[0]]
+    scores = {key: float(np.mean([one[key] for one in by_class.values()])) for key in keys}
+    for name, own_scores in by_class.items():
+        scores |= {of_class(key, name): value for key, value in own_scores.items()}
+    return scores
+
+
+def _aps(curves: Mapping[str, Mapping[str, Curve]]) -> dict[str, float]:
+    """APs of one class by their names."""
+    found = {}
     for metric, levels in curves.items():
         for difficulty, curve in levels.items():
-            scores_by_name[f"ap_{metric}/{difficulty}"] = curve.ap_r11
-            scores_by_name[f"ap_{metric}_r40/{difficulty}"] = curve.ap_r40
-    best = best_overlaps(_cars_and_boxes(detections, validation, protocol))
+            found[f"ap_{metric}/{difficulty}"] = curve.ap_r11
+            found[f"ap_{metric}_r40/{difficulty}"] = curve.ap_r40
+    return found
+
+
+def _recalls(best: Float) -> dict[str, float]:
+    """Recalls of one class by their names, from each object's best overlap."""
     found = {f"recall_3d/{t:g}": float((best > t).mean()) if len(best) else 0.0 for t in OVERLAPS}
-    return scores_by_name | found | {"recall_3d/mean_iou": float(best.mean()) if len(best) else 0.0}
+    return found | {"recall_3d/mean_iou": float(best.mean()) if len(best) else 0.0}
 
 
-def _cars_and_boxes(
-    detections: StoredDetections, validation: Validation, protocol: Protocol
+def _objects_and_boxes(
+    detections: StoredDetections, validation: Validation, protocol: Protocol, name: str
 ) -> list[tuple[Float, Float]]:
-    """Of each frame every car within the protocol's area, whatever its difficulty, and every stored box."""
+    """Of each frame all objects of a class within the protocol's area, of any difficulty, and all stored boxes."""
     found = []
     for index, (labels, calibration) in enumerate(
         zip(validation.labels, validation.calibrations, strict=True)
     ):
-        cars = (labels.types == "Car") & ~_beyond(labels, calibration, protocol)
-        objects = calibration.boxes_to_velo(labels.boxes_cam[cars])
-        found.append((objects, detections.boxes_of(index, calibration)))
+        own = (labels.types == name) & ~_beyond(labels, calibration, protocol)
+        objects = calibration.boxes_to_velo(labels.boxes_cam[own])
+        found.append((objects, detections.boxes_of(index, name, calibration)))
     return found
 
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.core.errors import ConfigError
-from fl3d.data.label_table import NAMES, LabelTable
+from fl3d.data.label_table import LabelTable
 from fl3d.evaluation.protocol import Protocol
 
 MIN_HEIGHT = (40, 25, 25)  # pixels; easy, moderate, hard
 MAX_OCCLUSION = (0, 1, 2)
 MAX_TRUNCATION = (0.15, 0.30, 0.50)
 LAST_OCCLUSION, LAST_TRUNCATION = 3, 1.0  # the highest values that KITTI's labels have
-NEIGHBOURS = {"car": "van", "pedestrian": "person_sitting"}  # matched, never counted
 
 Mask = NDArray[np.bool_]
 
@@ -92,19 +92,22 @@ def distances(table: LabelTable) -> NDArray[np.float64]:
     return np.hypot(table.values[:, 10], table.values[:, 12])
 
 
-def ground_truth_flags(gt: LabelTable, name: str, ignored: Mask) -> NDArray[np.int8]:
+def ground_truth_flags(
+    gt: LabelTable, name: str, neighbours: Sequence[str], ignored: Mask
+) -> NDArray[np.int8]:
     """0 counts, 1 ignored, -1 not there: (G,) for a class.
 
     Args:
         gt: ground truths.
-        name: of the class, in lower case.
+        name: of the class.
+        neighbours: types that are matched and never counted.
         ignored: (G,) which do not count at the level, whatever their class.
     """
     flags = np.full(len(gt.types), -1, dtype=np.int8)
-    own = gt.types == NAMES.index(name)
+    own = gt.of(name)
     flags[own] = np.where(ignored[own], 1, 0)
-    if name in NEIGHBOURS:
-        flags[gt.types == NAMES.index(NEIGHBOURS[name])] = 1
+    for neighbour in neighbours:
+        flags[gt.of(neighbour)] = 1
     return flags
 
 
@@ -118,7 +121,7 @@ def ignored_at(found: dict[Reason, Mask], n: int) -> Mask:
 
 def detection_flags(det: LabelTable, name: str, level: int, protocol: Protocol) -> NDArray[np.int8]:
     """0 counts, 1 ignored, -1 not there: (D,). Height is looked at before class, where the picture is."""
-    flags = np.where(det.types == NAMES.index(name), 0, -1).astype(np.int8)
+    flags = np.where(det.of(name), 0, -1).astype(np.int8)
     if protocol.uses_picture:
         flags[is_low(det, level)] = 1
     return flags

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.label_table import NAMES, OTHER, LabelTable
+from fl3d.data.label_table import NAMES, LabelTable
 from fl3d.geometry.boxes import rectangles_cam
 from fl3d.geometry.iou import corners_of, shared_area
 
@@ -91,8 +91,6 @@ def _pairs(
                 if gt_types[g] == DONTCARE:
                     if shared > 0 and det_area > 0:
                         dontcare[d] = max(dontcare[d], shared / det_area)
-                    continue
-                if gt_types[g] >= OTHER:
                     continue
                 image = shared / (gt_area + det_area - shared) if shared > 0 else 0.0
                 bev = volume = 0.0

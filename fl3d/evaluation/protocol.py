@@ -8,7 +8,9 @@ from typing import Any
 
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError, options
-from fl3d.data.labels import TYPES
+from fl3d.core.names import check_name
+from fl3d.data.classes import CARS, DONTCARE, NEIGHBOURS, why_no_classes
+from fl3d.data.label_parser import kitti_spelling
 from fl3d.evaluation import VERSION
 from fl3d.geometry.nms import KINDS
 
@@ -49,7 +51,7 @@ class Protocol:
         score_threshold: detections below are dropped. The paper's "threshold 0.8" is this one.
         nms_iou: overlap above which the lower-scored of two detections is dropped.
         nms_kind: ``standup``, ``rotated`` or ``3d``, see ``geometry.nms``.
-        max_detections: kept per frame.
+        max_detections: kept per frame and class.
         image_box: 2D box of a detection that brings none of its own: ``clipped`` to the picture, or ``unclipped``,
             cut to whole pixels, as the paper's code writes it.
         ignore_beyond: x0, y0, x1, y1 in metres, LiDAR frame: ground truths whose centre lies outside are
@@ -59,6 +61,9 @@ class Protocol:
             sensor: ``distance`` from the origin of the labels' coordinates over ground, ``points`` of the LiDAR on an
             object, ``none``: every object at all three levels.
         limits: where easy, moderate and hard end, metres (rising) or points (falling); None: ``LIMITS``.
+        neighbours: by class, types of labels that are neither hits nor misses, beside KITTI's (Van for Car,
+            Person_sitting for Pedestrian), which a class that is named here has not.
+        classes: that a sweep's scores are of, from the key ``classes``; several have scores each and their mean.
     """
 
     name: str
@@ -72,6 +77,8 @@ class Protocol:
     ignore_beyond: tuple[float, float, float, float] | None = None
     difficulty: str = "image"
     limits: tuple[float, float, float] | None = None
+    neighbours: dict[str, list[str]] | None = None
+    classes: tuple[str, ...] = CARS
 
     def __post_init__(self) -> None:
         choices = (
@@ -90,8 +97,7 @@ class Protocol:
                 raise ConfigError(
                     f"protocol.overlaps.{name}: {own} are not three numbers from 0 to 1, for image, BEV and 3D"
                 )
-            if name.lower() not in {known.lower() for known in TYPES}:
-                raise ConfigError(f"protocol.overlaps: no class '{name}'. {options(name, TYPES)}")
+            _check_class("protocol.overlaps", name)
         for key, number in (("score_threshold", self.score_threshold), ("nms_iou", self.nms_iou)):
             if not _is_number(number) or not 0 <= number <= 1:
                 raise ConfigError(f"protocol.{key}: '{number}' is not a number from 0 to 1")
@@ -103,6 +109,38 @@ class Protocol:
         if self.ignore_beyond is not None and not _are_numbers(self.ignore_beyond, 4):
             raise ConfigError(f"protocol.ignore_beyond: {self.ignore_beyond} is not x0, y0, x1, y1")
         self._check_limits()
+        self._check_neighbours()
+        object.__setattr__(self, "classes", tuple(self.classes))  # as JSON brings it, a list
+
+    def check_classes(self) -> None:
+        """Refuse classes that the protocol does not know.
+
+        Raises:
+            ConfigError: naming the key to give.
+        """
+        wrong = why_no_classes(self.classes)
+        if wrong:
+            raise ConfigError(f"classes: {list(self.classes)} {wrong}")
+        for name in self.classes:
+            if name not in self.overlaps:
+                raise ConfigError(
+                    f"classes: protocol {self.name} has no overlaps of {name}, only of {', '.join(self.overlaps)}; "
+                    f"give +protocol.overlaps.{name}=[0.7,0.5,0.5], for image, BEV and 3D"
+                )
+
+    def _check_neighbours(self) -> None:
+        for name, types in (self.neighbours or {}).items():
+            key = f"protocol.neighbours.{name}"
+            if not isinstance(types, list | tuple):
+                raise ConfigError(f"{key}: '{types}' is no list of types of labels, such as [Van]")
+            for one in types:
+                _check_class(key, str(one))
+
+    def neighbours_of(self, name: str) -> tuple[str, ...]:
+        """Types of labels that are neither hits nor misses of a class."""
+        given = self.neighbours or {}
+        spelled = kitti_spelling(name)
+        return tuple(given.get(name, given.get(spelled, NEIGHBOURS.get(spelled, ()))))
 
     def _check_limits(self) -> None:
         if self.limits is None:
@@ -133,10 +171,13 @@ class Protocol:
 
     @property
     def metric_names(self) -> tuple[str, ...]:
-        """Those of ``METRIC_NAMES`` that it has."""
-        return tuple(
+        """Those of ``METRIC_NAMES`` that it has; of several classes their means, then those of each class."""
+        own = tuple(
             name for name in METRIC_NAMES if self.uses_picture or not name.startswith("ap_image")
         )
+        if len(self.classes) == 1:
+            return own
+        return own + tuple(of_class(metric, name) for name in self.classes for metric in own)
 
     @property
     def level_limits(self) -> tuple[float, float, float] | None:
@@ -168,6 +209,28 @@ class Protocol:
 
     def _values(self) -> dict[str, Any]:
         values = asdict(self)
+        usual = {"classes": CARS, "neighbours": None}
+        values = {
+            key: value for key, value in values.items() if key not in usual or value != usual[key]
+        }
         if self.difficulty == "image":
             return {key: values[key] for key in values if key not in ("difficulty", "limits")}
         return {**values, "limits": self.level_limits}
+
+
+def of_class(metric: str, name: str) -> str:
+    """Name of a metric of one of several classes: ``ap_3d/moderate/Pedestrian``."""
+    return f"{metric}/{name}"
+
+
+def split_metric(metric: str) -> tuple[str, str | None]:
+    """A metric without its class, and the class: ``3d/moderate``, ``Pedestrian``; None: the one class, or the mean."""
+    plain, name = metric.split("/")[:2], metric.split("/")[2:]
+    return "/".join(plain), "/".join(name) or None
+
+
+def _check_class(key: str, name: str) -> None:
+    """Refuse what cannot be the name of a class."""
+    check_name(key, name)
+    if kitti_spelling(name) == DONTCARE:
+        raise ConfigError(f"{key}: {DONTCARE} is no class: such regions are left out")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.data.label_table import NAMES, LabelTable
+from fl3d.data.label_table import LabelTable
 from fl3d.evaluation.overlaps import Overlaps
 from fl3d.geometry.boxes import Array
 from fl3d.geometry.iou import bev_and_3d_iou_velo
@@ -16,7 +16,11 @@ OVERLAPS = (0.1, 0.3, 0.5, 0.7, 0.9)
 
 
 def recall(
-    gt: LabelTable, overlaps: Overlaps, name: str = "Car", thresholds: Sequence[float] = OVERLAPS
+    gt: LabelTable,
+    overlaps: Overlaps,
+    name: str,
+    thresholds: Sequence[float] = OVERLAPS,
+    own: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.float64]:
     """Share of ground truths that any box overlaps by more than each threshold in 3D.
 
@@ -27,14 +31,18 @@ def recall(
         overlaps: of them and the boxes, see ``overlaps.find_overlaps``.
         name: of the class.
         thresholds: T overlaps.
+        own: (D,) which boxes are of the class; None: all.
 
     Returns:
         (T,) in 0..1; 0 where there is no ground truth.
     """
     best = np.zeros(len(gt.types))
     owner = np.repeat(np.arange(len(gt.types)), np.diff(overlaps.offsets))
-    np.maximum.at(best, owner, overlaps.values[2])
-    best = best[gt.types == NAMES.index(name.lower())]
+    shared = overlaps.values[2]
+    if own is not None:
+        shared = np.where(own[overlaps.detection], shared, 0.0)
+    np.maximum.at(best, owner, shared)
+    best = best[gt.of(name)]
     return np.array([(best > t).mean() if len(best) else 0.0 for t in thresholds])
 
 

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from fl3d.core.errors import DataError
 from fl3d.core.files import write_atomically
 from fl3d.data.calibration import Calibration
+from fl3d.data.classes import CARS
 from fl3d.data.label_parser import FIELDS, Codes
-from fl3d.data.label_table import NAMES, LabelTable, read_table
+from fl3d.data.label_table import LabelTable, read_table
 from fl3d.data.labels import TYPES, Labels, labels_from_columns
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.stored import StoredDetections
 
-CAR = NAMES.index("car")
 APPLIES = ("variant", "score_threshold", "ignore_beyond")  # of a protocol, besides its overlaps
 Float = NDArray[np.float64]
 
@@ -48,22 +48,28 @@ class Results(StoredDetections):
     source: str
     sha256: str
 
-    def cars(
+    def labels_of(
         self,
         index: int,
         calibration: Calibration,
         image_size: tuple[int, int],
         protocol: Protocol,
     ) -> Labels:
-        """The cars of one frame from the protocol's score on, best first; they are projected already."""
-        lines = self._cars(index)
-        lines = lines[self._is_kept(protocol)[lines]]
-        lines = lines[np.argsort(-self.lines.scores[lines], kind="stable")]
-        return labels_from_columns(["Car"] * len(lines), self.lines.values[lines], scored=True)
+        """The protocol's classes in one frame from its score on, best first; they are projected already."""
+        kept = self._is_kept(protocol)
+        found, types = [np.zeros(0, dtype=np.int64)], []
+        for name in protocol.classes:
+            lines = self._of(index, name)
+            found.append(lines[kept[lines]])
+            types += [name] * len(found[-1])
+        lines = np.concatenate(found)
+        order = np.argsort(-self.lines.scores[lines], kind="stable")
+        values = self.lines.values[lines[order]]
+        return labels_from_columns([types[k] for k in order], values, scored=True)
 
-    def boxes_of(self, index: int, calibration: Calibration) -> Float:
+    def boxes_of(self, index: int, name: str, calibration: Calibration) -> Float:
         """See ``StoredDetections``."""
-        return calibration.boxes_to_velo(self.lines.boxes_cam[self._cars(index)])
+        return calibration.boxes_to_velo(self.lines.boxes_cam[self._of(index, name)])
 
     def table(
         self,
@@ -82,28 +88,29 @@ class Results(StoredDetections):
         cut = protocol.score_threshold
         return self.lines.scores >= (cut if cut > 0 else -np.inf)
 
-    def _cars(self, index: int) -> NDArray[np.int64]:
-        lines = np.arange(self.lines.offsets[index], self.lines.offsets[index + 1])
-        return lines[self.lines.types[lines] == CAR]
+    def _of(self, index: int, name: str) -> NDArray[np.int64]:
+        first, last = self.lines.offsets[index], self.lines.offsets[index + 1]
+        return np.arange(first, last)[self.lines.of(name)[first:last]]
 
 
-def read_results(folder: Path, ids: Sequence[str]) -> Results:
+def read_results(folder: Path, ids: Sequence[str], classes: Sequence[str] = CARS) -> Results:
     """Read the result files of frames.
 
     Args:
         folder: holds ``<id>.txt`` of each.
         ids: of the frames.
+        classes: that are scored.
 
     Raises:
-        DataError: a file is missing, a line is malformed, or no line of any is a car and some are of classes that KITTI
-            does not name, which may be what the program calls cars. Pedestrians alone are what a detector of several
-            classes may find early in its training.
+        DataError: a file is missing, a line is malformed, or no line of any is of a class that is scored and some are
+            of classes that KITTI does not name, which may be what the program calls cars. Pedestrians alone are what
+            a detector of several classes may find early in its training.
     """
     table = read_table(folder, ids, scored=True)
-    if table.others and not (table.types == CAR).any():
+    if table.others and not any(table.of(name).any() for name in classes):
         raise DataError(
-            f"{len(table.types)} detections in {len(ids)} files, and no Car among them; its types are: "
-            f"{', '.join(_types_in(folder, ids))}",
+            f"{len(table.types)} detections in {len(ids)} files, and no {' or '.join(classes)} among them; its types "
+            f"are: {', '.join(_types_in(folder, ids))}",
             folder,
         )
     return Results(tuple(ids), table, str(folder), results_digest(folder, ids))

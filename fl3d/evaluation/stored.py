@@ -24,18 +24,18 @@ class StoredDetections(ABC):
     frame_ids: tuple[str, ...]
 
     @abstractmethod
-    def cars(
+    def labels_of(
         self,
         index: int,
         calibration: Calibration,
         image_size: tuple[int, int],
         protocol: Protocol,
     ) -> Labels:
-        """The cars of one frame that a protocol looks at, best first."""
+        """What was detected in one frame, as a protocol looks at it, best first."""
 
     @abstractmethod
-    def boxes_of(self, index: int, calibration: Calibration) -> NDArray[np.float64]:
-        """All boxes of cars in one frame, whatever their score: (N, 7) ``boxes_velo``."""
+    def boxes_of(self, index: int, name: str, calibration: Calibration) -> NDArray[np.float64]:
+        """All boxes of a class in one frame, whatever their score: (N, 7) ``boxes_velo``."""
 
     def table(
         self,
@@ -45,4 +45,4 @@ class StoredDetections(ABC):
     ) -> LabelTable:
         """What a protocol's evaluator compares with the labels, of all frames."""
         frames = enumerate(zip(calibrations, image_sizes, strict=True))
-        return table_from_labels([self.cars(i, *place, protocol) for i, place in frames])
+        return table_from_labels([self.labels_of(i, *place, protocol) for i, place in frames])

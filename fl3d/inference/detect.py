@@ -77,6 +77,7 @@ def detect_frames(
             started = time.monotonic()
             after_batch()
     counts = [len(f.scores) for f in found]
+    types = [f.types(detector.classes) for f in found] or [None]
     images = [f.boxes_image for f in found if f.boxes_image is not None]
     if images and sum(map(len, images)) != sum(counts):
         raise TrainingError(
@@ -88,4 +89,5 @@ def detect_frames(
         np.concatenate([f.boxes_velo for f in found]),
         np.concatenate([f.scores for f in found]),
         np.concatenate(images) if images else None,
+        None if types[0] is None else np.concatenate([one for one in types if one is not None]),
     )

@@ -18,7 +18,7 @@ from fl3d.core.files import write_atomically
 from fl3d.data.calibration import AXES, MEAN, Calibration
 from fl3d.data.calibration_files import read_calibration
 from fl3d.data.clouds import ENDINGS, read_cloud
-from fl3d.data.image_boxes import ImageBoxes, read_image_boxes
+from fl3d.data.image_boxes import FoundInPictures, read_found
 from fl3d.data.kitti import Frame
 from fl3d.data.labels import Labels, labels_from_columns, read_labels, write_labels
 from fl3d.data.pictures import find_picture, picture_size, read_picture, size_without_picture
@@ -190,6 +190,7 @@ def detect_labels(
         calibration=frame.calibration,
         image_size=frame.image_size,
         protocol=protocol,
+        types=found.types(detector.classes),
     )
 
 
@@ -227,7 +228,7 @@ class CloudReader:
         self.calibration = MEAN if calibration is None else read_calibration(calibration)
         self.calibration_file = calibration or Path("--calib")
         self.with_labels = with_labels
-        self._image_boxes: dict[Path, ImageBoxes | None] = {}
+        self._image_boxes: dict[Path, FoundInPictures] = {}
 
     def read(self, file: Path) -> Cloud:
         """Read one cloud.
@@ -252,7 +253,8 @@ class CloudReader:
         if self.with_labels and is_in_folder and is_there(labels):
             frame = replace(frame, labels=read_labels(labels), label_file=labels)
         if is_in_folder:
-            frame = replace(frame, image_boxes=self._image_boxes_of(file))
+            boxes, types = self._image_boxes_of(file)
+            frame = replace(frame, image_boxes=boxes, image_types=types)
         return Cloud(frame, image, is_calibrated=True)
 
     def _size(self, calibration: Calibration, file: Path) -> tuple[int, int]:
@@ -265,13 +267,15 @@ class CloudReader:
         no_labels = labels_from_columns([], np.zeros((0, 14)), scored=False)
         return Frame(file.stem, points, calibration, labels=no_labels, image_size=size)
 
-    def _image_boxes_of(self, file: Path) -> NDArray[np.float64] | None:
-        """What a 2D detector found in the frame's picture; None where none was run."""
+    def _image_boxes_of(
+        self, file: Path
+    ) -> tuple[NDArray[np.float64] | None, NDArray[np.str_] | None]:
+        """What a 2D detector found in the frame's picture, and of which classes; None where none was run."""
         root = file.parent.parent.parent
         if root not in self._image_boxes:
-            self._image_boxes[root] = read_image_boxes(root)
+            self._image_boxes[root] = read_found(root, self.settings.classes)
         every = self._image_boxes[root]
-        return None if every is None else every.get(file.stem, np.zeros((0, 5)))
+        return every.of(file.stem) if every.is_there else (None, None)
 
 
 def _beside(file: Path, kind: str) -> Path:
@@ -286,5 +290,5 @@ def _write(folder: Path, name: str, found: Labels) -> Path:
 
 def _draw(detector: str, cloud: Cloud, found: Labels, protocol: Protocol, folder: Path) -> None:
     frame = cloud.frame
-    scenes = {f"{detector}, {frame.id}": [Scene(frame, cloud.image, found)]}
+    scenes = {f"{detector}, {frame.id}": [Scene(frame, cloud.image, found, protocol.classes)]}
     boxes_of_models(scenes, protocol.ignore_beyond, folder / frame.id, endings=(".png",))

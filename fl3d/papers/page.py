@@ -70,15 +70,16 @@ def write_page(
     tables: list[str] = []
     pictures: list[Path] = []
     main_judged: Judged | None = None
-    for sweep in sweeps:
+    for sweep in (part for one in sweeps for part in (one, *one.each_class())):
         made, _ = write_sweep(sweep, feeding(sweep, words, published), _quiet(say))
         judged = judge_or_say(sweep, say)
         views = write_views(sweep, made, judged, _quiet(say))
         tables += _tables(made, views)
-        question = None if sweep is main else sweep.settings.sweep.question or sweep.name
+        question = None if sweep is main else _question(sweep)
         found += _found(sweep, judged, question)
         if sweep is main:
             main_judged = judged
+        if sweep is main or sweep.class_name is not None:
             pictures += draw_curves(sweep, compared)
         pictures += draw_papers(sweep)
     halves, more = _halves(main)
@@ -104,6 +105,12 @@ def write_page(
     shown = [section for section in sections if section.parts]
     write_text(path, page(title, main.settings.sweep.question or "", shown))
     return path, pictures
+
+
+def _question(sweep: FinishedSweep) -> str:
+    """What stands above what a sweep has found: its question, and of a class the class."""
+    asked = sweep.settings.sweep.question or sweep.settings.sweep.name
+    return asked if sweep.class_name is None else f"{asked} ({sweep.class_name})"
 
 
 def _found(sweep: FinishedSweep, judged: Judged | None, question: str | None) -> list[str]:

@@ -15,8 +15,9 @@ from fl3d.analysis.samples import Comparisons
 from fl3d.config.settings import Settings
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
 from fl3d.core.files import remove_old_temporaries, write_text
+from fl3d.data.classes import CARS
 from fl3d.evaluation.average_precision import N_SAMPLES
-from fl3d.evaluation.protocol import METRICS
+from fl3d.evaluation.protocol import METRICS, Protocol
 from fl3d.papers.base import PaperTable
 from fl3d.papers.judged_views import intervals_by_level, tables_of_verdicts
 from fl3d.papers.registry import papers_of, tables_named
@@ -36,30 +37,45 @@ GENERIC_AVERAGE = "R40"  # of tables that no paper prescribes: KITTI's own since
 CUTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 
 
-def protocol_note(settings: Settings, average: str = "R11", of_results: bool = False) -> str:
+def protocol_note(
+    settings: Settings,
+    average: str = "R11",
+    of_results: bool = False,
+    class_name: str | None = None,
+) -> str:
     """What a reader must know of a table's APs.
 
     Args:
         settings: of the sweep.
         average: R11 or R40.
         of_results: whether they are of result files, which programs have suppressed themselves.
+        class_name: of several classes the one that they are of; None: the one class, or the mean.
     """
     protocol = settings.protocol
-    of_metric = dict(zip(METRICS, protocol.overlaps["Car"], strict=True))
-    overlaps = " / ".join(f"{of_metric[metric]:g}" for metric in protocol.metrics)
+    classes = protocol.classes if class_name is None else (class_name,)
+    overlaps = [_overlaps_text(protocol, name) for name in classes]
+    if len(classes) > 1:
+        overlaps = [f"{text} for {name}" for text, name in zip(overlaps, classes, strict=True)]
+    mean = classes[0] if len(classes) == 1 else f"mean over {', '.join(classes)}"
+    what = "cars" if classes == CARS else "objects"
     names = " / ".join({"image": "image", "bev": "BEV", "3d": "3D"}[m] for m in protocol.metrics)
     levels = "" if protocol.uses_picture else f"; objects all around, {protocol.levels_text}"
     area = protocol.ignore_beyond
     limit = (
-        f"; cars beyond x {area[0]:g} to {area[2]:g} m, y {area[1]:g} to {area[3]:g} m ignored"
+        f"; {what} beyond x {area[0]:g} to {area[2]:g} m, y {area[1]:g} to {area[3]:g} m ignored"
         if area
         else ""
     )
     suppression = "NMS as the programs did it" if of_results else f"NMS {protocol.nms_iou:g}"
     return (
-        f"Data {settings.data.name}, profile {settings.profile}; Car, {average}, overlaps {overlaps} "
+        f"Data {settings.data.name}, profile {settings.profile}; {mean}, {average}, overlaps {', '.join(overlaps)} "
         f"({names}){levels}; score cut {protocol.score_threshold:g}, {suppression}{limit}."
     )
+
+
+def _overlaps_text(protocol: Protocol, name: str) -> str:
+    of_metric = dict(zip(METRICS, protocol.overlaps[name], strict=True))
+    return " / ".join(f"{of_metric[metric]:g}" for metric in protocol.metrics)
 
 
 def paper_tables(sweep: FinishedSweep) -> list[PaperTable]:
@@ -106,9 +122,14 @@ def generic_tables(sweep: FinishedSweep, groups: Sequence[str]) -> list[Table]:
         of_results = any(
             is_of_program(trial.plan) for trial in sweep.trials if trial.group == group
         )
-        notes = (protocol_note(sweep.settings, GENERIC_AVERAGE, of_results),)
+        notes = (
+            protocol_note(sweep.settings, GENERIC_AVERAGE, of_results, class_name=sweep.class_name),
+        )
         name = generic_name(sweep, group)
-        tables.append(levels_table(last, group, levels, name, GENERIC_AVERAGE, notes))
+        table = levels_table(last, group, levels, name, GENERIC_AVERAGE, notes)
+        if sweep.class_name is not None:
+            table = replace(table, caption=f"{table.caption}: {sweep.class_name}")
+        tables.append(table)
     return tables
 
 
@@ -122,7 +143,10 @@ def write_sweep(
     folder = sweep.settings.results_folder
     remove_old_temporaries(folder)
     file = score_file(folder, sweep.name)
-    is_new = not file.exists() or file.read_text(encoding="utf-8") != score_text(sweep.scores)
+    is_part = sweep.class_name is not None  # whose scores lie in the whole sweep's file
+    is_new = (
+        is_part or not file.exists() or file.read_text(encoding="utf-8") != score_text(sweep.scores)
+    )
     tables = make_tables(sweep, feeding)
     if is_new:
         remove_views(sweep.name, tables, folder)  # of other scores: a folder shows one set
@@ -137,7 +161,8 @@ def write_sweep(
     bars = [beside(stem, ending) for ending in FIGURES]
     if is_new or not all(path.exists() for path in bars):
         ap_over_level(last, levels, stem)  # with intervals once tables are made again
-    written = [*write_score_file(file, sweep.scores, sweep.plan), *written, *bars]
+    kept = [] if is_part else write_score_file(file, sweep.scores, sweep.plan)
+    written = [*kept, *written, *bars]
     for table in tables:
         say("\n" + to_markdown(table))
     say(f"Written to {folder}: " + ", ".join(str(path.relative_to(folder)) for path in written))
@@ -266,18 +291,23 @@ def draw_curves(sweep: FinishedSweep, compared: Comparisons) -> list[Path]:
     )
     cuts = rescore(sweep, {"score_threshold": CUTS})
     written += ap_over_cut(cuts, levels, folder / f"ap_over_cut_{sweep.name}")
-    curves = precision_curves(compared)
+    curves = precision_curves(compared, sweep.classes)
     return written + precision_recall(curves, levels, folder / f"precision_recall_{sweep.name}")
 
 
-def precision_curves(compared: Comparisons) -> pd.DataFrame:
-    """Precision over recall of 3D moderate, seeds averaged: ``group``, ``level``, ``recall``, ``precision``."""
+def precision_curves(compared: Comparisons, classes: Sequence[str] = CARS) -> pd.DataFrame:
+    """Precision over recall of 3D moderate, seeds and classes averaged, by ``group``, ``level`` and ``recall``."""
     recall = np.arange(N_SAMPLES) / (N_SAMPLES - 1)
     parts = []
     for group, levels in compared.items():
         for level, by_seed in levels.items():
             precision = np.mean(
-                [c.curve("Car", "3d", "moderate").precision for c in by_seed.values()], axis=0
+                [
+                    one.curve(name, "3d", "moderate").precision
+                    for one in by_seed.values()
+                    for name in classes
+                ],
+                axis=0,
             )
             front = {"group": group, "level": level}
             parts.append(pd.DataFrame(front | {"recall": recall, "precision": precision}))

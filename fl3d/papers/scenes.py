@@ -14,7 +14,7 @@ SHOWN = 3  # frames
 
 
 def scenes_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> list[Scene]:
-    """What a checkpoint finds in the validation frames with most cars.
+    """What a checkpoint finds in the validation frames with most objects.
 
     Args:
         sweep: whose frames and protocol they are.
@@ -23,14 +23,14 @@ def scenes_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> list[Scene]
     """
     kitti = sweep.kitti()
     stored = read_detections(folder.detections(step))
-    cars = np.array(
-        [(kitti.read_labels(frame_id).types == "Car").sum() for frame_id in stored.frame_ids]
+    counts = np.array(
+        [np.isin(kitti.read_labels(one).types, sweep.classes).sum() for one in stored.frame_ids]
     )
     scenes = []
-    for index in np.argsort(-cars, kind="stable")[:SHOWN]:
+    for index in np.argsort(-counts, kind="stable")[:SHOWN]:
         frame = kitti.frame(stored.frame_ids[index])
-        found = stored.cars(index, frame.calibration, frame.image_size, sweep.protocol)
+        found = stored.labels_of(index, frame.calibration, frame.image_size, sweep.protocol)
         picture = kitti.path("image_2", frame.id)
         image = np.asarray(Image.open(picture).convert("RGB")) if picture.exists() else None
-        scenes.append(Scene(frame, image, found))
+        scenes.append(Scene(frame, image, found, sweep.classes))
     return scenes

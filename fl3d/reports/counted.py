@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from fl3d.data.label_table import NAMES
-from fl3d.data.labels import TYPES
 from fl3d.evaluation.average_precision import Curves, most_possible
 from fl3d.evaluation.folders import Evaluated
-from fl3d.evaluation.levels import MAX_OCCLUSION, MAX_TRUNCATION, MIN_HEIGHT, NEIGHBOURS, Reason
+from fl3d.evaluation.levels import MAX_OCCLUSION, MAX_TRUNCATION, MIN_HEIGHT, Reason
 from fl3d.evaluation.protocol import Protocol
 from fl3d.reports.evaluated import shown_levels
 
@@ -51,8 +49,9 @@ def _label_lines(found: Evaluated) -> list[str]:
     counts, protocol = found.labels, found.protocol
     lines = _reason_lines(counts.ignored, protocol, {})
     near = [
-        f"{spelled(NEIGHBOURS[name.lower()])} {n} (for {name})"
-        for name, n in counts.neighbours.items()
+        f"{neighbour} {n} (for {name})"
+        for name, of in counts.neighbours.items()
+        for neighbour, n in of.items()
         if n
     ]
     if near:
@@ -156,8 +155,3 @@ def slashed(values: Iterable[float]) -> str:
 def _joined(numbers: Sequence[int]) -> str:
     """Counts of the levels; one where they are all the same."""
     return str(numbers[0]) if len(set(numbers)) == 1 else slashed(numbers)
-
-
-def spelled(name: str) -> str:
-    """A class as KITTI spells it, of its name in lower case."""
-    return TYPES[NAMES.index(name)]

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from fl3d.evaluation.counts import LabelCounts
 from fl3d.evaluation.folders import Evaluated
 from fl3d.evaluation.frames import LABEL_FIELDS
-from fl3d.evaluation.levels import MAX_OCCLUSION, MAX_TRUNCATION, MIN_HEIGHT, NEIGHBOURS, Reason
+from fl3d.evaluation.levels import MAX_OCCLUSION, MAX_TRUNCATION, MIN_HEIGHT, Reason
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
-from fl3d.reports.counted import by_name, spelled
+from fl3d.reports.counted import by_name
 
 OF_PICTURE = {
     Reason.NO_BOX,
@@ -88,9 +88,7 @@ def why_no_label(counts: LabelCounts, protocol: Protocol) -> str:
     total = sum(counts.labels.values())
     if not total:
         present = dict(counts.others)
-        present |= {
-            spelled(NEIGHBOURS[name.lower()]): n for name, n in counts.neighbours.items() if n
-        }
+        present |= {name: n for of in counts.neighbours.values() for name, n in of.items() if n}
         present |= {"DontCare": counts.dontcare} if counts.dontcare else {}
         return f"no label is of a class that counts. Found: {by_name(present)}; possible: {names}"
     at_hard: dict[Reason, int] = {}

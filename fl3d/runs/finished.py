@@ -20,7 +20,7 @@ from fl3d.evaluation.detections import (
     read_detections,
     read_validation,
 )
-from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.protocol import Protocol, split_metric
 from fl3d.evaluation.selection import select
 from fl3d.evaluation.stored import StoredDetections
 from fl3d.reports.levels import Levels
@@ -115,6 +115,8 @@ class FinishedSweep:
         scores: a row for each trial and step, see ``runs.scores``.
         source: where the scores come from: a store folder, or a file of scores.
         asked: labels of values by key, where only trials with these were asked for.
+        class_name: of its several classes the one that is looked at, see ``of_class``; None: the one class, or the
+            mean over all.
     """
 
     settings: Settings
@@ -123,11 +125,39 @@ class FinishedSweep:
     scores: pd.DataFrame
     source: Path
     asked: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    class_name: str | None = None
 
     @property
     def name(self) -> str:
-        """Of the sweep."""
-        return self.settings.sweep.name
+        """Of the sweep, and of the class where one of several is looked at."""
+        own = self.settings.sweep.name
+        return own if self.class_name is None else f"{own}-{self.class_name}"
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Whose AP is looked at: the mean over them where they are several."""
+        return self.protocol.classes if self.class_name is None else (self.class_name,)
+
+    @property
+    def primary_classes(self) -> tuple[str, ...]:
+        """Classes that its primary metric is of."""
+        named = self.settings.sweep.class_name
+        return self.classes if named is None else (named,)
+
+    def each_class(self) -> tuple[FinishedSweep, ...]:
+        """The sweep as each of its classes sees it; none where it has but one."""
+        return tuple(self.of_class(name) for name in self.classes) if len(self.classes) > 1 else ()
+
+    def of_class(self, name: str) -> FinishedSweep:
+        """The same sweep as one of its several classes sees it: scores, and the primary metric, are that class's."""
+        asked = self.settings.sweep
+        plain, _ = split_metric(asked.primary)
+        return replace(
+            self,
+            settings=replace(self.settings, sweep=replace(asked, primary=plain)),
+            scores=scores_of_class(self.scores, name),
+            class_name=name,
+        )
 
     @property
     def protocol(self) -> Protocol:
@@ -242,6 +272,13 @@ class FinishedSweep:
     def comparison(self, trial: FinishedTrial, step: int | None = None) -> Comparison:
         """A checkpoint's detections held against the labels, under the sweep's protocol."""
         return compare_stored(self.detections(trial, step), self.validation, self.protocol)
+
+
+def scores_of_class(scores: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Scores of one of several classes, named as if it were the only one."""
+    metrics = [str(c) for c in scores if str(c).startswith(("ap_", "recall_"))]
+    own = {c: split_metric(c)[0] for c in metrics if split_metric(c)[1] == name}
+    return scores.drop(columns=[c for c in metrics if c not in own]).rename(columns=own)
 
 
 def levels_of(sweep: FinishedSweep) -> Levels:

@@ -43,6 +43,7 @@ RESULT = (
     "seed",
     "precision",
     "compile",
+    "classes",
 )
 # Of these, keys that came when results were there already: they enter where they are not what all had before.
 USUAL = {
@@ -50,6 +51,8 @@ USUAL = {
     "data.cloud.dtype": None,
     "data.cloud.reflectance_scale": 1,
     "data.image_size": None,
+    "classes": ["Car"],
+    "detector.per_class": None,
 }
 # Keys that cannot. The frames themselves enter through the data's digest; scores carry their protocol's identity.
 BOOKKEEPING = (
@@ -99,13 +102,21 @@ def _kept(config: Config, wanted: Callable[[str], bool]) -> Config:
     """The leaves of a config whose dotted keys are wanted."""
     kept: Config = {}
     for key, value in leaves(config):
-        if wanted(key) and not (key in USUAL and value == USUAL[key]):
+        is_usual = (key in USUAL and value == USUAL[key]) or _is_of_other_class(key, config)
+        if wanted(key) and not is_usual:
             node = kept
             *parents, last = key.split(".")
             for part in parents:
                 node = node.setdefault(part, {})
             node[last] = value
     return kept
+
+
+def _is_of_other_class(key: str, config: Config) -> bool:
+    """Whether a dotted key is a detector's setting of a class that is not among those of the config."""
+    if not key.startswith("detector.per_class."):
+        return False
+    return key.split(".")[2] not in config.get("classes", ["Car"])
 
 
 def _is_within(key: str, names: Sequence[str]) -> bool:
@@ -127,7 +138,11 @@ def of_command_stage(config: Config, whole: Config, has_parent: bool) -> Config:
     kept = _kept(config, lambda key: matches(key, always) or _is_within(key, named))
     texts = (command.resume, command.results, command.checkpoint or "")
     others = [name for text in texts for name in names_in(text, "detector")]
-    others += [name for name in command.places(has_parent) if matches(name, BOOKKEEPING)]
+    others += [
+        name
+        for name in command.places(has_parent)
+        if matches(name, BOOKKEEPING) or name in USUAL  # which the config may not keep
+    ]
     places = {name: value_at(whole, name) for name in others if has_key(whole, name)}
     # What is added where there is a parent is nothing to a stage that has none.
     own = {"places": places} if has_parent else {"places": places, "from_parent": []}

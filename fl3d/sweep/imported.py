@@ -247,7 +247,7 @@ class _ImportRun(StageRun):
         validation = self.validation()
         section = self.stage.config["detector"]
         for text, path in section["results"].items():
-            results = read_results(Path(path), self.machine.val_ids)
+            results = read_results(Path(path), self.machine.val_ids, self.machine.protocol.classes)
             write_results(self.folder.detections(int(text)), results)
             self.score(int(text), validation)
             self.mark(

@@ -33,7 +33,9 @@ class Networks:
             ConfigError: its ``detector`` or its ``loss`` cannot be built.
         """
         loss = config.get("loss") or {}
-        key = digest([config["detector"], loss.get("_target_"), sorted(loss)])
+        key = digest(
+            [config["detector"], config.get("classes"), loss.get("_target_"), sorted(loss)]
+        )
         if key not in self._networks:
             with torch.device("meta"):
                 self._networks[key] = build_detector(config)
@@ -47,7 +49,7 @@ class Networks:
             ConfigError: one of them cannot be built.
         """
         network = self.network(config)
-        sections = [config["detector"], config.get("optimizer")]
+        sections = [config["detector"], config.get("classes"), config.get("optimizer")]
         with torch.device("meta"):
             self._once("optimizer", sections, lambda: build_optimizer(config, network))
         self._once("augment", config["augment"], lambda: build_augmentation(config))

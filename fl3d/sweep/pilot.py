@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fl3d.analysis.samples import AVERAGES, resample_cell
+from fl3d.analysis.samples import AVERAGES, resample_mean
 from fl3d.config.settings import Settings
 from fl3d.core.errors import ConfigError, DataError, StoreError
 from fl3d.evaluation.intervals import ALPHA, frames_alpha
@@ -144,7 +144,8 @@ def _draws(
     asked = sweep.settings.sweep
     metric, difficulty = asked.metric.split("/")
     comparison = sweep.comparison(trial, step)
-    _, draws = resample_cell(comparison, (metric, difficulty), units.of_frames, RESAMPLES)
+    cell = (metric, difficulty)
+    _, draws = resample_mean(comparison, cell, units.of_frames, RESAMPLES, sweep.primary_classes)
     return draws[:, AVERAGES.index(asked.average)]
 
 

@@ -22,8 +22,9 @@ from fl3d.sweep.identity import result_config
 from fl3d.sweep.plan import DataInfo, Plan, check_names, trial_stages
 from fl3d.sweep.sweepers.base import Point
 
-# Config sections that all trials of a sweep share: one dataset, one protocol, one store.
+# Keys and sections that all trials of a sweep share: one list of classes, one dataset, one protocol, one store.
 SHARED = (
+    "classes",
     "data",
     "protocol",
     "store",
@@ -158,7 +159,7 @@ class Planner:
 
     def _check_shared(self, point: Point) -> None:
         own, shared = (
-            dict(leaves({section: config[section] for section in SHARED}))
+            dict(leaves({section: config[section] for section in SHARED if section in config}))
             for config in (point.config, self.base)
         )
         for key in {**own, **shared}:

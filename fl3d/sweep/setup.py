@@ -12,6 +12,8 @@ from fl3d.config.settings import Settings, read_settings
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.leases import living
 from fl3d.core.provenance import provenance, uncommitted
+from fl3d.core.records import Trial
+from fl3d.data.classes import CARS
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.detections import read_validation
 from fl3d.runs.layout import StoreFolder
@@ -20,7 +22,7 @@ from fl3d.runs.spec import Machine, read_spec
 from fl3d.store.base import Store
 from fl3d.sweep.identity import reading
 from fl3d.sweep.notes import note
-from fl3d.sweep.pictures import draw_frame_with_most_cars
+from fl3d.sweep.pictures import draw_frame_with_most_objects
 from fl3d.sweep.places import check_places
 from fl3d.sweep.plan import DataInfo, Plan
 from fl3d.sweep.planner import Planner
@@ -95,16 +97,34 @@ def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
         data=data,
         planner=planner,
         plan=plan,
-        looks_before=_looks_before(settings),
+        looks_before=_looks_before(settings, plan),
         words=tuple(words),
     )
 
 
-def _looks_before(settings: Settings) -> tuple[int, ...]:
+def _looks_before(settings: Settings, plan: Plan) -> tuple[int, ...]:
+    """Looks of the plan of this name from an earlier start.
+
+    Raises:
+        ConfigError: that is of other classes.
+    """
     try:
-        return read_plan(StoreFolder(settings.store.root).plan(settings.experiment)).looks
+        before = read_plan(StoreFolder(settings.store.root).plan(settings.experiment))
     except StoreError:  # the first start, or one of another version
         return ()
+    own = list(settings.protocol.classes)
+    known = [list(trial.config.get("classes", CARS)) for trial in before.trials[:1]]
+    if known and known[0] != own and not any(_is_program(trial) for trial in plan.trials):
+        raise ConfigError(
+            f"sweep.name: {settings.experiment} is there already, of classes {known[0]}; give one of classes {own} a "
+            f"name of its own, such as sweep.name={settings.sweep.name}_{own[0].lower()}"
+        )
+    return before.looks
+
+
+def _is_program(trial: Trial) -> bool:
+    """Whether a command trains it, whose plan does not tell the classes that it is scored by."""
+    return is_command(trial.config)
 
 
 def scoreboard(prepared: Prepared) -> Scoreboard:
@@ -221,7 +241,7 @@ def subject(prepared: Prepared, store: Store, scores: Scoreboard) -> Subject:
         data_root=prepared.data.root,
         tags={**made_by, "fl3d.evaluator": settings.protocol.id},
         files={"uncommitted.patch": changes} if changes else {},
-        draw=draw_frame_with_most_cars(
+        draw=draw_frame_with_most_objects(
             prepared.layout, prepared.kitti, scores.validation, settings.protocol
         ),
     )

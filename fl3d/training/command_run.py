@@ -220,7 +220,7 @@ class CommandRun(StageRun):
         step = self.stage.start_step + epoch
         training = max(0.0, max((last_changed(fingerprint(path)), self._marked)) - self._marked)
         self._marked += training
-        results = read_results(path, self.machine.val_ids)
+        results = read_results(path, self.machine.val_ids, self.machine.protocol.classes)
         if fingerprint(path) != files:
             return  # it is being written again: looked at once more
         self.lease.check()

@@ -91,8 +91,9 @@ class _NetworkRun(StageRun):
         config = self.stage.config
         detector = build_detector(config).to(self.device)
         train_ids = self.machine.train_ids
-        if detector.LEARNS_FROM:
-            train_ids = tuple(frames_with(self.kitti, train_ids, detector.LEARNS_FROM))
+        types = detector.learns_from()
+        if types:
+            train_ids = tuple(frames_with(self.kitti, train_ids, types))
         if self.settings.compile:
             detector.compile_dense()
         workers = self.machine.workers

@@ -97,8 +97,8 @@ def test_several_values_of_one_trial_are_told_how_to_be_typed() -> None:
 def test_a_shell_learns_to_complete_the_installed_command(monkeypatch: pytest.MonkeyPatch) -> None:
     """Shells complete by a command's first word, which of ``python -m fl3d`` is python."""
     assert said(["-sc", "install=bash"]).rstrip().endswith("hydra_bash_completion fl3d")
-    monkeypatch.setenv("COMP_LINE", "fl3d detector=v")
-    assert said(["-sc", "query=bash"]).split() == ["detector=voxelnet"]
+    monkeypatch.setenv("COMP_LINE", "fl3d detector=p")
+    assert said(["-sc", "query=bash"]).split() == ["detector=pointrcnn"]
 
 
 def test_what_hydra_shows_is_shown() -> None:

@@ -41,6 +41,7 @@ from fl3d.inference.predict import detect_labels
 from fl3d.points.slabs import SlabNet, Slabs, resolutions
 
 SIZES = ((1.5, 1.6, 3.9), (1.8, 0.7, 0.8), (1.7, 0.6, 1.8))
+CARS = torch.zeros(60, dtype=torch.int64)  # the first size class
 CODE = MultiBin(SIZES, 12, {"yaw_bin": 1.0, "yaw": 20.0, "size": 20.0, "corner": 10.0})
 
 
@@ -90,15 +91,18 @@ def test_the_code_has_39_numbers_as_the_paper() -> None:
 def test_boxes_come_back_from_their_code_and_perfect_outputs_lose_nothing() -> None:
     boxes = some_boxes()
     torch.testing.assert_close(CODE.decode(perfect(boxes)), boxes, rtol=1e-4, atol=1e-4)
-    assert sum(float(term) for term in CODE.loss(perfect(boxes), boxes).values()) < 1e-3
-    assert sum(float(term) for term in CODE.loss(perfect(boxes), boxes.flip(0)).values()) > 5
-    assert sum(float(term) for term in CODE.loss(perfect(boxes)[:0], boxes[:0]).values()) == 0
+    assert sum(float(term) for term in CODE.loss(perfect(boxes), boxes, CARS).values()) < 1e-3
+    assert sum(float(term) for term in CODE.loss(perfect(boxes), boxes.flip(0), CARS).values()) > 5
+    assert (
+        sum(float(term) for term in CODE.loss(perfect(boxes)[:0], boxes[:0], CARS[:0]).values())
+        == 0
+    )
 
 
 def test_weights_act_on_their_terms() -> None:
     boxes, wrong = some_boxes(), perfect(some_boxes().flip(0))
     heavier = MultiBin(SIZES, 12, {"yaw_bin": 1.5, "yaw": 30.0, "size": 20.0, "corner": 10.0})
-    plain, other = CODE.loss(wrong, boxes), heavier.loss(wrong, boxes)
+    plain, other = CODE.loss(wrong, boxes, CARS), heavier.loss(wrong, boxes, CARS)
     torch.testing.assert_close(other["reg_yaw"], 1.5 * plain["reg_yaw"])
     for name in ("reg_center", "reg_size", "reg_corner"):
         assert other[name] == plain[name]
@@ -208,7 +212,7 @@ def frustum_nets_that_say_their_axis(detector: FConvNet, monkeypatch: pytest.Mon
     rng = np.random.default_rng(5)
 
     def find(
-        network: FrustumNet, points: torch.Tensor, slope: torch.Tensor
+        network: FrustumNet, points: torch.Tensor, slope: torch.Tensor, kinds: torch.Tensor
     ) -> tuple[torch.Tensor, ...]:
         boxes = torch.tensor([[0.0, 0, 0, 0.5, 0.1, 0.1, 0]]).repeat(len(points), 1)
         if network is detector.frustum:
@@ -255,12 +259,12 @@ def test_each_box_brings_the_2d_box_it_came_of(
         pixels, _ = one.calibration.points_to_image(one.calibration.points_to_cam(chosen))
         half = rng.uniform(20, 40, pixels.shape)
         drawn = np.column_stack([pixels - half, pixels + half, rng.uniform(0.1, 0.9, len(half))])
-        frames._cache[one.id] = replace(one, image_boxes=drawn)
+        frames._cache[one.id] = replace(one, image_boxes=drawn, image_types=None)
     found = detect_frames(detector, frames, 300, 0.0, batch_size=batch_size)
     assert len(found.of(1)[0]) == 0
     assert len(found.scores) >= 9
     for index, frame_id in enumerate(found.frame_ids):
-        boxes, scores, images = found.of(index)
+        boxes, scores, images, _ = found.of(index)
         assert images is not None
         assert (np.diff(scores) <= 0).all()
         calibration = folder.read_calibration(frame_id)
@@ -312,9 +316,11 @@ def test_a_samples_points_move_with_its_object(frame: Frame, stage: str) -> None
     def sample(jitter: Jitter) -> tuple[np.ndarray, np.ndarray]:
         rng = np.random.default_rng(1)
         if stage == "frustum":
-            found = FrustumView((0.0, 70.0), 2.0, 64, jitter).learn(frame, image, own, rng)
+            found = FrustumView((0.0, 70.0), 2.0, 64, jitter).learn(
+                frame, image, own, np.zeros(1, np.int64), rng
+            )
         else:
-            found = BoxView(1.2, 2.0, 64, jitter).learn(frame, own, rng)
+            found = BoxView(1.2, 2.0, 64, jitter).learn(frame, own, np.zeros(1, np.int64), rng)
         return found["points"][0].astype(float), found["boxes"][0].astype(float)
 
     cloud = turned(frame.points_velo[:, :3].astype(float) - own[0, :3], -own[0, 6])
@@ -374,7 +380,7 @@ def test_two_stages_find_what_perfect_networks_would(
         )
 
         def forward(
-            self, points: torch.Tensor, slope: torch.Tensor
+            self, points: torch.Tensor, slope: torch.Tensor, kinds: torch.Tensor
         ) -> tuple[torch.Tensor, torch.Tensor]:
             spots = Truth.places(slope, 1)
             boxes = centered(torch.from_numpy(targets).float())
@@ -387,7 +393,7 @@ def test_two_stages_find_what_perfect_networks_would(
 
     detector.code = CODE
     truth = Truth()
-    found = detector._find(truth, batch["points"], batch["slope"])  # type: ignore[arg-type]
+    found = detector._find(truth, batch["points"], batch["slope"], batch["kinds"])  # type: ignore[arg-type]
     back = (
         turned_back(found[0], batch["angle"][found[2]], batch["origin"][found[2]])
         .numpy()
@@ -398,14 +404,14 @@ def test_two_stages_find_what_perfect_networks_would(
 
 
 def test_2d_boxes_are_read_by_frame_and_class(tmp_path: Path) -> None:
-    assert read_image_boxes(tmp_path) is None
+    assert read_image_boxes(tmp_path, "Car") is None
     folder = tmp_path / "rgb_detections"
     folder.mkdir()
     file = folder / "rgb_detection_val.txt"
     file.write_text(
         "a/b/000001.png 2 0.5 1 2 3 4\n\nx/000001.png 1 0.4 0 0 1 1\n/000002.png 2 0.25 -4 0 9 9.5\n"
     )
-    found = read_image_boxes(tmp_path)
+    found = read_image_boxes(tmp_path, "Car")
     assert found is not None
     assert found["000001"].tolist() == [[1, 2, 3, 4, 0.5]]
     assert found["000002"].tolist() == [[-4, 0, 9, 9.5, 0.25]]
@@ -426,7 +432,7 @@ def test_a_line_that_is_no_2d_box_is_named(tmp_path: Path, line: str, message: s
         "000000.png 2 0.5 1 2 3 4\n" + line + "\n"
     )
     with pytest.raises(DataError, match=rf"rgb_detection_train.txt:2: .*{message}"):
-        read_image_boxes(tmp_path)
+        read_image_boxes(tmp_path, "Car")
 
 
 def test_without_2d_boxes_it_says_what_is_missing(detector: FConvNet, frame: Frame) -> None:

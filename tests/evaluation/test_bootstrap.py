@@ -159,7 +159,7 @@ def test_recall_by_hand() -> None:
     kind, shifted = thing(1, score=0.01)
     shifted[10] += 1.0
     det = table_from_labels([frame(thing(0, score=0.5), (kind, shifted)), EMPTY])
-    found = recall(gt, find_overlaps(gt, det))
+    found = recall(gt, find_overlaps(gt, det), "Car")
     assert found == pytest.approx([2 / 3, 2 / 3, 2 / 3, 1 / 3, 1 / 3])
 
 
@@ -167,4 +167,4 @@ def test_recall_without_ground_truths_is_zero() -> None:
     nothing = LabelTable(
         np.zeros(2, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 15))
     )
-    assert recall(nothing, find_overlaps(nothing, nothing)).tolist() == [0] * 5
+    assert recall(nothing, find_overlaps(nothing, nothing), "Car").tolist() == [0] * 5

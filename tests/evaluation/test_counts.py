@@ -72,7 +72,7 @@ def test_each_label_is_counted_once_with_its_reason() -> None:
         Reason.NO_OCCLUSION: 1,
         Reason.NO_TRUNCATION: 1,
     }
-    assert counts.neighbours == {"Car": 1, "Pedestrian": 0}
+    assert counts.neighbours == {"Car": {"Van": 1}, "Pedestrian": {"Person_sitting": 0}}
     assert counts.dontcare == 1
     assert not counts.is_empty
 

@@ -31,7 +31,8 @@ def test_detections_come_back(tmp_path: Path, images: np.ndarray | None) -> None
     write_detections(tmp_path / "found.parquet", written)
     found = read_detections(tmp_path / "found.parquet")
     assert found.frame_ids == written.frame_ids
-    boxes, scores, own = found.of(1)
+    boxes, scores, own, types = found.of(1)
+    assert types is None  # cars, as in every file that names no class
     np.testing.assert_array_equal(boxes, BOXES[1:])
     np.testing.assert_array_equal(scores, SCORES[1:])
     if images is None:

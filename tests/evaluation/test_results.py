@@ -75,7 +75,7 @@ def test_a_frames_cars_come_best_first_and_without_other_classes(
     kitti = KittiFolder(simulated)
     ids = kitti.split("val")
     found = read_results(folder, ids)
-    labels = found.cars(
+    labels = found.labels_of(
         0, kitti.read_calibration(ids[0]), kitti.image_size(ids[0]), protocol("kitti")
     )
     assert labels.scores is not None

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from fl3d.data.classes import CARS
 from fl3d.data.kitti import Frame
 from fl3d.data.labels import Labels
 from fl3d.geometry.boxes import CORNER_SIGNS, Array, corners_velo
@@ -22,6 +25,10 @@ EDGES = tuple(
     for b in range(a + 1, 8)
     if np.abs(np.subtract(CORNER_SIGNS[a], CORNER_SIGNS[b])).sum() == 2  # along one axis
 )
+# Of several classes, dark to light, so that they differ in grey too; lines tell them where boxes are pale.
+PURPLES = (PURPLE, "#c04fb0", "#3b1045", "#e49ad8")
+BLUES = (BLUE, "#5fb0ff", "#0b2a5c", "#9fd0d8")
+LINES: tuple[str | tuple[int, tuple[int, ...]], ...] = ("-", (0, (4, 1)), (0, (1, 1)), "-.")
 NEAR = 1.0  # metres: boxes with a corner nearer to the camera are not drawn on the picture
 
 
@@ -33,11 +40,13 @@ class Scene:
         frame: cloud and labels.
         image: (H, W, 3), or None: points are drawn instead, brighter where nearer.
         found: detections as evaluated.
+        classes: that are drawn.
     """
 
     frame: Frame
     image: NDArray[np.uint8] | None
     found: Labels
+    classes: Sequence[str] = CARS
 
 
 def boxes_of_models(
@@ -67,7 +76,8 @@ def boxes_of_models(
         for k, (name, scenes) in enumerate(models.items()):
             for column, scene in enumerate(scenes):
                 _on_picture(grid[2 * k, column], scene)
-                from_above(grid[2 * k + 1, column], scene.frame, scene.found, beyond)
+                axes = grid[2 * k + 1, column]
+                from_above(axes, scene.frame, scene.found, beyond, scene.classes)
                 if column:
                     grid[2 * k + 1, column].set(ylabel="", yticks=[])
                 if k + 1 < len(models):
@@ -102,20 +112,44 @@ def _on_picture(axes: Axes, scene: Scene) -> None:
     draw_picture(axes, scene)
     frame, calibration = scene.frame, scene.frame.calibration
     width, height = frame.image_size
-    cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[frame.labels.types == "Car"])
-    found = calibration.boxes_to_velo(scene.found.boxes_cam)
-    for boxes, color, strength in (
-        (cars, PURPLE, np.ones(len(cars))),
-        (found, BLUE, _strength(scene.found)),
-    ):
-        for corners, alpha in zip(corners_velo(boxes), strength, strict=True):
+    for drawn in _drawn(frame, scene.found, scene.classes):
+        for corners, alpha in zip(corners_velo(drawn.boxes_velo), drawn.strength, strict=True):
             corners_cam = calibration.points_to_cam(corners)
             if corners_cam[:, 2].min() < NEAR:
                 continue
             pixels, _ = calibration.points_to_image(corners_cam)
             for edge in EDGES:
-                axes.plot(*pixels[list(edge)].T, color=color, lw=0.6, alpha=float(alpha))
+                look: dict[str, Any] = {"color": drawn.color, "ls": drawn.line}
+                axes.plot(*pixels[list(edge)].T, lw=0.6, alpha=float(alpha), **look)
     axes.set(xlim=(0, width), ylim=(height, 0), xticks=[], yticks=[], aspect="equal")
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """Boxes that look alike: (N, 7), their colour and line, and (N,) how strong each is."""
+
+    boxes_velo: Array
+    color: str
+    line: str | tuple[int, tuple[int, ...]]
+    label: str
+    strength: Array
+
+
+def _drawn(frame: Frame, found: Labels, classes: Sequence[str]) -> list[_Drawn]:
+    """Ground truth and estimates: of one class purple and blue, of several each in lines and tones of its own."""
+    parts = []
+    for labels, colors, what in (
+        (frame.labels, PURPLES, "ground truth"),
+        (found, BLUES, "estimate"),
+    ):
+        for number, name in enumerate(classes):
+            own = labels.select(labels.types == name)
+            boxes = frame.calibration.boxes_to_velo(own.boxes_cam)
+            strength = np.ones(len(own)) if labels is frame.labels else _strength(own)
+            color, line = colors[number % len(colors)], LINES[number % len(LINES)]
+            label = what if len(classes) == 1 else f"{what}, {name}"
+            parts.append(_Drawn(boxes, color, line, label, strength))
+    return parts
 
 
 def _strength(found: Labels) -> Array:
@@ -129,8 +163,9 @@ def birds_eye(
     beyond: tuple[float, float, float, float] | None,
     title: str,
     path: Path,
+    classes: Sequence[str] = CARS,
 ) -> list[Path]:
-    """One frame from above: points, cars (purple) and estimates (blue, with scores; the higher the stronger).
+    """One frame from above: points, objects (purple) and estimates (blue, with scores; the higher the stronger).
 
     Args:
         frame: cloud and labels.
@@ -138,10 +173,11 @@ def birds_eye(
         beyond: area of the evaluation, or None.
         title: above it.
         path: without ending.
+        classes: that are drawn.
     """
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(5, 4.6))
-        from_above(axes, frame, detections, beyond)
+        from_above(axes, frame, detections, beyond, classes)
         boxes = frame.calibration.boxes_to_velo(detections.boxes_cam)
         scores = detections.scores if detections.scores is not None else np.zeros(0)
         for box, score, alpha in zip(boxes, scores, _strength(detections), strict=True):
@@ -160,21 +196,19 @@ def birds_eye(
 
 
 def from_above(
-    axes: Axes, frame: Frame, found: Labels, beyond: tuple[float, float, float, float] | None
+    axes: Axes,
+    frame: Frame,
+    found: Labels,
+    beyond: tuple[float, float, float, float] | None,
+    classes: Sequence[str] = CARS,
 ) -> None:
-    """Draw points, cars and estimates of a frame in the plane of the ground."""
+    """Draw points, objects and estimates of a frame in the plane of the ground."""
     points = frame.points_velo
     axes.scatter(points[:, 0], points[:, 1], s=0.15, c="0.55", linewidths=0, rasterized=True)
-    cars = frame.calibration.boxes_to_velo(frame.labels.boxes_cam[frame.labels.types == "Car"])
-    _outlines(axes, cars, PURPLE, "ground truth", np.ones(len(cars)))
-    _outlines(
-        axes, frame.calibration.boxes_to_velo(found.boxes_cam), BLUE, "estimate", _strength(found)
-    )
+    for drawn in _drawn(frame, found, classes):
+        look: dict[str, Any] = {"color": drawn.color, "ls": drawn.line, "lw": 1.0}
+        axes.plot([], [], label=drawn.label, **look)
+        for corners, alpha in zip(corners_velo(drawn.boxes_velo), drawn.strength, strict=True):
+            axes.plot(*corners[list(FOOTPRINT), :2].T, alpha=float(alpha), **look)
     x0, y0, x1, y1 = beyond or (0, -40, 70.4, 40)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal", xlabel="x (m)", ylabel="y (m)")
-
-
-def _outlines(axes: Axes, boxes_velo: Array, color: str, label: str, strength: Array) -> None:
-    axes.plot([], [], color=color, lw=1, label=label)
-    for corners, alpha in zip(corners_velo(boxes_velo), strength, strict=True):
-        axes.plot(*corners[list(FOOTPRINT), :2].T, color=color, lw=1, alpha=float(alpha))
