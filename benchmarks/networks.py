@@ -178,11 +178,11 @@ def runner(model: Any, network: str, batch: Batch) -> tuple[Callable[[], Tensor]
 
 
 def middle(model: Any, voxels: Tensor, batch: Batch) -> Tensor:
-    """VoxelNet's 3D convolutions alone."""
-    if "layout" in batch:
+    """VoxelNet's 3D convolutions alone, on as many frames as the batch has."""
+    if "layout" in batch:  # the maps are not so full that all layers are dense from the start
         return dense(model.middle(BackgroundMap.from_voxels(voxels, batch["layout"])))
     out: Tensor = model.middle(
-        voxelnet.scatter_dense(voxels, batch["cells"], (1, *model.grid.shape))
+        voxelnet.scatter_dense(voxels, batch["cells"], (int(batch["size"]), *model.grid.shape))
     )
     return out
 
