@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fl3d.analysis.samples import compare_sweep
+from fl3d.analysis.contributions import Contributions
 from fl3d.commands.words import HELP, open_words, or_gamma, parser, read_words
 from fl3d.papers.results import draw_curves, draw_papers, draw_verdicts, judge_or_say
 
@@ -18,9 +18,9 @@ def run(arguments: list[str]) -> None:
     arguments_of.add_argument("overrides", nargs="*", help=HELP)
     words = arguments_of.parse_intermixed_args(arguments).overrides
     sweep = open_words(read_words(or_gamma(words)))
-    judged = judge_or_say(sweep, print)
-    compared = compare_sweep(sweep) if judged is None else judged.compared
+    made = Contributions(sweep)
+    judged = judge_or_say(sweep, print, made)
     written = [] if judged is None else draw_verdicts(sweep, judged)
-    written += draw_curves(sweep, compared) + draw_papers(sweep)
+    written += draw_curves(sweep, made) + draw_papers(sweep)
     folder = sweep.settings.results_folder / "figures"
     print(f"Written to {folder}: " + ", ".join(path.name for path in written))
