@@ -25,7 +25,7 @@ from fl3d.runs.finished import FinishedSweep
 # quick takes for it (8 of 27 and 33 ms, 3D-FCN and VoxelNet); of eight networks each bears a thirtieth. More would only
 # let a worker that has nothing left wait longer for the other.
 AT_ONCE = 8
-# Trials and networks below which starting workers, three seconds each, does not pay.
+# Trials and networks below which starting workers, which load torch first, does not pay.
 FEW = 8
 
 Run = Callable[..., object]
