@@ -6,6 +6,7 @@ PYTHON ?= python3
 PROFILE ?= quick
 DATA ?= simulated
 KITTI ?=
+FRAMES ?=
 SEEDS ?=
 SWEEP ?= gamma
 ARGS ?=
@@ -15,7 +16,7 @@ OVERRIDES = data=$(DATA) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: help install sweep-% sweep-pointrcnn sweep-frustum sweep-report plan tables gains figures report publish ui check format test test-slow test-slurm test-ray test-postgres clean
+.PHONY: help install sweep-% sweep-pointrcnn sweep-frustum sweep-report plan tables gains figures report publish ui check format test test-slow test-slurm test-ray test-postgres bench clean
 
 help:  ## list the targets
 	@echo "Targets (options: DATA=simulated|simulated_people|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|standard|paper SEEDS=5 ARGS='...'):"
@@ -96,6 +97,9 @@ test-ray: .venv/installed  ## the launchers' contract on a Ray cluster of three 
 test-postgres: .venv/installed  ## the store on a real PostgreSQL and an MLflow server: eight writers, and outages
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) --editable '.[dev,postgres]'
 	folder=$$(mktemp -d) && FL3D_TEST_POSTGRES=$$folder $(BIN)/pytest -q tests/test_store_server.py
+
+bench: .venv/installed  ## benchmarks that end within ten minutes; their table in benchmarks/README.md (KITTI=folder FRAMES=list of ids)
+	$(BIN)/python benchmarks/all.py $(if $(KITTI),--kitti $(KITTI)) $(if $(FRAMES),--frames $(FRAMES))
 
 clean:  ## remove .venv and caches; runs/, data/ and out/ stay
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis

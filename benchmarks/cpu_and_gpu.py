@@ -30,6 +30,7 @@ import torch
 from gpu import card, synchronize, timed
 from torch import Tensor
 
+from benchmarks.told import tell
 from fl3d.config.compose import compose_config
 from fl3d.core.records import Config, Stage
 from fl3d.data.dataset import Frames, frames_with
@@ -122,6 +123,7 @@ def main() -> None:
             if arguments.json:
                 arguments.json.write_text(json.dumps(found, indent=1))
     print("\n".join(table(found)))
+    tell("cpu_and_gpu", {"card": card(arguments.device), **found})
 
 
 def cases(names: list[str], size: str, folder: Path) -> list[Case]:

@@ -32,6 +32,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
+from benchmarks.told import tell
 from fl3d.config.compose import compose_config
 from fl3d.core.records import Stage
 from fl3d.data.dataset import Frames
@@ -91,7 +92,7 @@ def main() -> None:
         hours = [one.get("sweep_hours") for one in found.values()]
         if None not in hours:
             print(f"the paper's whole sweep: {sum(hours):.1f} h")
-        print(json.dumps(found))
+        tell("gpu", {"card": card(arguments.device), **found})
 
 
 def report(folder: Path, name: str, common: dict[str, Any], deadline: float) -> dict[str, Any]:

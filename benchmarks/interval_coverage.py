@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 sys.path.append(str(Path(__file__).resolve().parent.parent))
 
+from benchmarks.told import tell
 from benchmarks.validation_sets import (
     EASY,
     HARD,
@@ -160,8 +161,8 @@ def two_levels(side: Sequence[Float], base: Sequence[Float]) -> Interval:
     return Interval(float(draws.mean()), float(low), float(high))
 
 
-def seeds_table(rows: Sequence[Row], seeds: Sequence[int], n_sets: int) -> None:
-    """Coverage of gains and APs over seeds."""
+def seeds_table(rows: Sequence[Row], seeds: Sequence[int], n_sets: int) -> list[float]:
+    """Coverage of gains and APs over seeds; the lowest and the highest of gains, two seeds aside."""
     counts = " / ".join(str(n) for n in seeds)
     print(f"\nCoverage of nominal 95 %, {counts} seeds; {n_sets} sets a row{error(n_sets)}\n")
     heads = ["gain R11", "gain R40", "median width of the gain in R40", "AP R11", "AP R40"]
@@ -181,6 +182,7 @@ def seeds_table(rows: Sequence[Row], seeds: Sequence[int], n_sets: int) -> None:
         extremes += [found["gain", name, n][0] for name in AVERAGES for n in seeds if n != 2]
     told_seeds = ", ".join(str(n) for n in seeds if n != 2)
     print(f"\nGains of {told_seeds} seeds: {min(extremes):.1f} to {max(extremes):.1f} %.")
+    return [min(extremes), max(extremes)]
 
 
 def error(n_sets: int) -> str:
@@ -189,8 +191,9 @@ def error(n_sets: int) -> str:
     return f" (Monte-Carlo error ± {near:.1f} at 95 %, ± {far:.1f} at 85 %)"
 
 
-def family_table(n_sets: int) -> None:
-    """How often any of a family of intervals misses zero where nothing gains anything."""
+def family_table(n_sets: int) -> dict[str, float]:
+    """How often any of a family of intervals, taken together, misses zero where nothing gains anything."""
+    missed = {}
     print("\nNull sweeps of six levels with any gain in R40 that differs from zero, %")
     print(
         "(100 frames, ρ = 0.9; one seed: over frames only, and all seeds alike; else own s.d. 3)\n"
@@ -204,6 +207,8 @@ def family_table(n_sets: int) -> None:
             name = "6 levels, one metric" if len(cells) == 1 else "36 cells of a table"
             shares = [share([bool(one[k]) for one in found]) for k in (0, 1)]
             print(f"| {name} | {n_seeds} | {of} | {shares[0]} | {shares[1]} |", flush=True)
+            missed[f"{name}, {n_seeds} seeds"] = 100 * float(np.mean([one[0] for one in found]))
+    return missed
 
 
 def null_sweep(
@@ -272,8 +277,9 @@ DRIVES = {
 }
 
 
-def drives_table(n_sets: int) -> None:
-    """Coverage where frames of a drive are alike, by what is resampled."""
+def drives_table(n_sets: int) -> dict[str, float]:
+    """Coverage where frames of a drive are alike, by what is resampled; that of widened gains in R40, by drives."""
+    held = {}
     print(
         f"\nFrames of drives, one seed; coverage of nominal 95 %, R11 / R40; {n_sets} sets a row"
         f"{error(n_sets)}.\nWidened, as drives are few: what fl3d prints\n"
@@ -292,6 +298,8 @@ def drives_table(n_sets: int) -> None:
             for way in ("frames", "drives", "widened")
         ]
         print(f"| {front} | {' | '.join(cells)} |", flush=True)
+        held[name] = found["gain", "R40", "widened"]
+    return held
 
 
 def drive_coverage(world: World, n_sets: int) -> dict[tuple[str, str, str], float]:
@@ -335,13 +343,17 @@ def main() -> None:
     parser.add_argument("--only", choices=["seeds", "families", "drives"], help="one of the tables")
     given = parser.parse_args()
     began = time.process_time()
+    found: dict[str, object] = {}
     if given.only in (None, "seeds"):
-        seeds_table(ROWS, sorted(given.seeds), 50 if given.quick else 500)
+        found["gains held %, lowest and highest"] = seeds_table(
+            ROWS, sorted(given.seeds), 50 if given.quick else 500
+        )
     if given.only in (None, "families"):
-        family_table(30 if given.quick else 300)
+        found["null families %"] = family_table(30 if given.quick else 300)
     if given.only in (None, "drives"):
-        drives_table(50 if given.quick else 500)
+        found["drives, widened, gain R40 held %"] = drives_table(50 if given.quick else 500)
     print(f"\n{RESAMPLES} resamples; {time.process_time() - began:.0f} CPU seconds.")
+    tell("interval_coverage", found)
 
 
 if __name__ == "__main__":

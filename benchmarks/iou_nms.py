@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from shapely import STRtree
 
+from benchmarks.told import tell
 from fl3d.geometry.iou import bev_iou
 from fl3d.geometry.nms import nms
 
@@ -76,6 +77,7 @@ def main() -> None:
         f"shapely {theirs:.1f} ms = {theirs / ours:.0f} x"
     )
     print(f"largest difference {error:.1e}")
+    found = {"IoU ms": ours, "IoU: shapely / fl3d": theirs / ours, "IoU: difference": float(error)}
     spread = boxes(rng, 2000)
     heaps = np.repeat(boxes(rng, 100), 20, axis=0) + rng.normal(0, 0.3, (2000, 5)) * [
         1,
@@ -96,6 +98,8 @@ def main() -> None:
             f"NMS 2000 {name:7} fl3d rotated {rotated:.2f} ms, standup {hulls:.2f} ms   "
             f"shapely rotated {theirs:.0f} ms = {theirs / rotated:.0f} x   same boxes kept: {same}"
         )
+        found |= {f"NMS {name}: shapely / fl3d": theirs / rotated, f"NMS {name}: same": same}
+    tell("iou_nms", found)
 
 
 if __name__ == "__main__":

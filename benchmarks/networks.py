@@ -10,9 +10,9 @@ in bfloat16. The error is that of the sparse network's outputs against the dense
 float64, relative to the largest output; the dense one's 3D batch normalisations sum in two passes,
 since torch's own lose four digits over a million positions that are nearly alike.
 
-The last line is one JSON object for the full size: {network: {"forward_ratio", "step_ratio",
-"max_error_float64"}}; ratios are dense contiguous / sparse. Networks: voxelnet_middle (its 3D
-convolutions), voxelnet, fcn3d.
+The last line is one JSON object; of each network and size on KITTI's frame it has "forward_ratio",
+"step_ratio" and "max_error_float64"; ratios are dense contiguous / sparse. Networks: voxelnet_middle
+(its 3D convolutions), voxelnet, fcn3d.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from benchmarks.told import tell
 from fl3d.config.compose import compose_config
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.splits import read_split
@@ -73,8 +74,8 @@ def main() -> None:
             for network in NETWORKS:
                 found = {way: alone(folder, network, way, size, chosen) for way in (*WAYS, "error")}
                 show(f"{network}, {size}, {folder.name}/{chosen}", found)
-                if size == "paper" and folder == arguments.kitti:
-                    report[network] = {
+                if folder == arguments.kitti:
+                    report[f"{network}, {size}"] = {
                         "forward_ratio": round(
                             found["contiguous"]["forward"] / found["sparse"]["forward"], 2
                         ),
@@ -83,7 +84,7 @@ def main() -> None:
                         ),
                         "max_error_float64": found["error"]["error"],
                     }
-    print(json.dumps(report))
+    tell("networks", report)
 
 
 def places(kitti: Path, ids: list[str], simulated: Path | None) -> list[tuple[Path, str]]:
@@ -178,11 +179,11 @@ def runner(model: Any, network: str, batch: Batch) -> tuple[Callable[[], Tensor]
 
 
 def middle(model: Any, voxels: Tensor, batch: Batch) -> Tensor:
-    """VoxelNet's 3D convolutions alone."""
-    if "layout" in batch:
+    """VoxelNet's 3D convolutions alone, on as many frames as the batch has."""
+    if "layout" in batch:  # the maps are not so full that all layers are dense from the start
         return dense(model.middle(BackgroundMap.from_voxels(voxels, batch["layout"])))
     out: Tensor = model.middle(
-        voxelnet.scatter_dense(voxels, batch["cells"], (1, *model.grid.shape))
+        voxelnet.scatter_dense(voxels, batch["cells"], (int(batch["size"]), *model.grid.shape))
     )
     return out
 

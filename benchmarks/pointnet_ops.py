@@ -23,6 +23,7 @@ from unittest.mock import patch
 import numpy as np
 import torch
 
+from benchmarks.told import tell
 from fl3d.config.compose import compose_config
 from fl3d.data.kitti import KittiFolder
 from fl3d.inference.load import build_detector
@@ -42,12 +43,13 @@ def main() -> None:
     parser.add_argument("--device", default="cpu")
     arguments = parser.parse_args()
     prepare(0, arguments.device)
-    for profile in ("quick", "paper"):
-        measure(arguments.kitti, arguments.frame, profile, arguments.device)
+    sizes = ("quick", "paper")
+    place = (arguments.kitti, arguments.frame)
+    tell("pointnet_ops", {size: measure(*place, size, arguments.device) for size in sizes})
 
 
-def measure(kitti: Path, frame_id: str, profile: str, device: str) -> None:
-    """Print a row for each operator at one size."""
+def measure(kitti: Path, frame_id: str, profile: str, device: str) -> dict[str, float]:
+    """Print a row for each operator at one size; how many times as long other ways take."""
     config = compose_config(["detector=pointrcnn", f"profile={profile}"])
     level = config["detector"]["levels"][0]
     frame = KittiFolder(kitti).frame(frame_id)
@@ -92,10 +94,14 @@ def measure(kitti: Path, frame_id: str, profile: str, device: str) -> None:
             one, some, radius, max_num_neighbors=most
         )
         rows["3 nearest"]["torch_cluster"] = lambda: torch_cluster.knn(some, one, 3)
+    found = {}
     for name, ways in rows.items():
         times = timed(ways, device)
+        others = {way: taken for way, taken in times.items() if way != "fl3d"}
+        found |= {f"{name}: {way} / fl3d": t / times["fl3d"] for way, t in others.items()}
         ratios = [f"{way} {t:.2f} ms ({t / times['fl3d']:.2f} x)" for way, t in times.items()]
         print(f"  {name:24s}", "; ".join(ratios), flush=True)
+    return found
 
 
 def by_torch(call: Callable[[], object]) -> object:

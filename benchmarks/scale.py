@@ -11,7 +11,6 @@ stages; the first is shared by all of a seed, and each seed has 100 levels.
 from __future__ import annotations
 
 import argparse
-import json
 import resource
 import tempfile
 import time
@@ -19,6 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from benchmarks.told import tell
 from fl3d.config.compose import multirun
 from fl3d.config.objects import build
 from fl3d.core.records import Checkpoint
@@ -47,7 +47,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         measure(LEVELS, Path(name) / "warm")  # the data are simulated, and modules loaded
         rows = [measure(trials, Path(name) / str(trials)) for trials in arguments.trials]
-    print(json.dumps({"benchmark": "scale", "rows": rows}))
+    tell("scale", {f"{row.pop('trials'):,} trials": row for row in rows})
 
 
 def measure(trials: int, work: Path) -> dict[str, float]:

@@ -23,6 +23,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from benchmarks.told import tell
 from fl3d.config.compose import compose_config
 from fl3d.config.settings import read_settings
 from fl3d.sweep.prepare import prepare_data
@@ -46,7 +47,7 @@ def main() -> None:
             [sys.executable, *ours, f"store.root={work}/runs", f"results={work}/results"],
             work / "runs",
         )
-        show("fl3d", fl3d)
+        found = show("fl3d", fl3d)
         if not arguments.without_joblib:
             app = [
                 sys.executable,
@@ -67,6 +68,8 @@ def main() -> None:
             joblib = measure(app, work / "joblib")
             show("hydra + joblib", joblib)
             print(f"time: {joblib['wall'] / fl3d['wall']:.2f} x fl3d's")
+            found |= {"joblib / fl3d": joblib["wall"] / fl3d["wall"]}
+    tell("scheduler", found)
 
 
 def measure(command: list[str], root: Path) -> dict[str, float]:
@@ -95,7 +98,8 @@ def machine_cpu() -> float:
     return (user + nice + system) / os.sysconf("SC_CLK_TCK")
 
 
-def show(name: str, figures: dict[str, float]) -> None:
+def show(name: str, figures: dict[str, float]) -> dict[str, float]:
+    """Print what was measured; the command's seconds, and two shares in percent."""
     busy = 100 * figures["cpu"] / (CORES * figures["wall"])
     while_training = 100 * figures["compute"] / (CORES * figures["training_wall"])
     overhead = 100 * (figures["cpu"] - figures["compute"]) / figures["compute"]
@@ -107,6 +111,7 @@ def show(name: str, figures: dict[str, float]) -> None:
         f"{while_training:.1f} % of their time was compute",
         flush=True,
     )
+    return {"wall s": figures["wall"], "busy %": busy, "overhead %": overhead}
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.told import tell
 from fl3d.data.kitti import Frame, KittiFolder
 from fl3d.data.splits import read_split
 from fl3d.simulator.generate import Settings, generate
@@ -321,6 +322,7 @@ PANELS: tuple[Panel, ...] = (
 
 
 def draw(theirs: Collected, ours: Collected, path: Path) -> None:
+    found = {}
     figure, axes = plt.subplots(6, 3, figsize=(17, 22))
     for axis, (title, measure) in zip(axes.ravel(), PANELS, strict=True):
         real, simulated = measure(theirs), measure(ours)
@@ -335,6 +337,7 @@ def draw(theirs: Collected, ours: Collected, path: Path) -> None:
             f"{title}: largest difference at {worst}: "
             f"KITTI {real[worst]:.3f}, simulated {simulated[worst]:.3f}"
         )
+        found[title] = {"KITTI": float(real[worst]), "simulated": float(simulated[worst])}
     axes[0, 0].legend()
     mean = [len(c.points) / c.n_frames for c in (theirs, ours)]
     cars = [len(of_cars(c)) / c.n_labelled for c in (theirs, ours)]
@@ -347,6 +350,7 @@ def draw(theirs: Collected, ours: Collected, path: Path) -> None:
     figure.tight_layout(rect=(0, 0, 1, 0.985))
     figure.savefig(path, dpi=70)
     print(f"written to {path}")
+    tell("sim_statistics", found)
 
 
 if __name__ == "__main__":

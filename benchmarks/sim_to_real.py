@@ -11,13 +11,12 @@ Where FOLDER has ImageSets/sample_{train,val}.txt, two more are trained and the 
 sample_val: on sample_train alone ("real"), and on sample_train after the simulated frames
 ("simulated_then_real").
 
-The last line is one JSON object: {detector: {"3d_moderate_r40": ..., "ci": [low, high], ...}}.
+The last line is one JSON object, with under "found": {detector: {"3d_moderate_r40": ..., "ci": [low, high], ...}}.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.told import tell
 from fl3d.config.compose import compose_config
 from fl3d.core.records import Stage
 from fl3d.data.dataset import Frames
@@ -75,7 +75,7 @@ def main() -> None:
         tuple(arguments.overrides),
     )
     report = bench.report(ids)
-    print(json.dumps(report))
+    tell("sim_to_real", report)
 
 
 @dataclass(frozen=True)

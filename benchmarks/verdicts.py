@@ -22,6 +22,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from benchmarks.told import tell
 from fl3d.analysis.samples import AVERAGES, CELLS, Resampled, paired
 from fl3d.analysis.verdicts import verdicts
 from fl3d.config.settings import SweepSettings
@@ -306,8 +307,9 @@ def share(hits: Sequence[float]) -> str:
     return f"{100 * mean:.1f} ± {100 * error:.1f}"
 
 
-def null_table(worlds: Sequence[World], n_sets: int, deals: int) -> None:
-    """False verdicts where no level gains anything."""
+def null_table(worlds: Sequence[World], n_sets: int, deals: int) -> dict[str, list[float]]:
+    """False verdicts where no level gains anything: percent of sweeps until decided and of ten seeds, by world."""
+    false = {}
     print(
         f"\nNo level gains anything: sweeps with any better or worse, %, of {n_sets * deals} a row "
         f"({n_sets} sets of replicates, dealt out {deals} times):\n"
@@ -334,6 +336,8 @@ def null_table(worlds: Sequence[World], n_sets: int, deals: int) -> None:
         print(
             f"| {world} | {' | '.join(share(one) for one in zip(*rows, strict=True))} |", flush=True
         )
+        false[str(world)] = [100 * float(np.mean([row[k] for row in rows])) for k in (0, 1)]
+    return false
 
 
 def normal_rates(n_sweeps: int = 40_000) -> None:
@@ -453,12 +457,13 @@ def main() -> None:
     n_sets = parser.parse_args().sets
     began = time.perf_counter()
     print(f"True AP of the baseline: {true_ap():.1f}. {RESAMPLES} resamples of {FRAMES} frames.")
-    null_table([*WORLDS, *LASTING], n_sets, deals=4)
+    false = null_table([*WORLDS, *LASTING], n_sets, deals=4)
     normal_rates()
     spending_table()
     margin_table([WORLDS[0], LASTING[0]], n_sets // 2)
     seeds_table([*WORLDS, *LASTING[:2]], n_sets // 2)
     print(f"\n{time.perf_counter() - began:.0f} s.")
+    tell("verdicts", {"false verdicts %: until decided, ten seeds": false})
 
 
 if __name__ == "__main__":

@@ -9,16 +9,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.gains import gains
 from fl3d.analysis.samples import (
     CELLS,
-    Comparisons,
     Float,
     Samples,
-    compare_sweep,
     pair_seeds,
     resample_mean,
-    resample_sweep,
 )
 from fl3d.analysis.seed_cost import seed_minutes
 from fl3d.analysis.verdicts import Pairs, judge, primary_place, verdicts
@@ -35,8 +33,7 @@ class Judged:
     """What a sweep has found.
 
     Args:
-        compared: checkpoints held against the labels.
-        samples: their APs in resamples of the frames.
+        samples: APs of checkpoints in resamples of the frames.
         gains: every cell, see ``gains.gains``.
         verdicts: a row for each group and level, see ``verdicts``; with ``seed_minutes``, see ``seed_cost``.
         units: what was resampled.
@@ -44,7 +41,6 @@ class Judged:
         left_out: trials that are not done, or whose baseline is not, one sentence a group and level.
     """
 
-    compared: Comparisons
     samples: Samples
     gains: pd.DataFrame
     verdicts: pd.DataFrame
@@ -53,34 +49,38 @@ class Judged:
     left_out: tuple[str, ...]
 
 
-def judge_sweep(sweep: FinishedSweep, rule: str = "last", n_resamples: int = N_RESAMPLES) -> Judged:
+def judge_sweep(
+    sweep: FinishedSweep,
+    rule: str = "last",
+    n_resamples: int = N_RESAMPLES,
+    contributions: Contributions | None = None,
+) -> Judged:
     """Hold a sweep's checkpoints against the labels, and judge its levels.
 
     Args:
         sweep: its run folders must be at hand.
         rule: which checkpoint stands for a trial: ``last`` or ``best``.
         n_resamples: of the frames.
+        contributions: of the sweep's trials, where they are at hand; they say how many resamples.
 
     Raises:
         ConfigError: no trial of the baseline is done.
         StoreError: only its scores are here.
         DataError: detections or labels cannot be read.
     """
-    compared = compare_sweep(sweep, rule)
-    units = units_of(sweep)
-    samples = resample_sweep(compared, units.of_frames, n_resamples, sweep.classes)
+    made = contributions or Contributions(sweep, n_resamples)
+    samples = made.samples(rule)
     asked, primary = sweep.settings.sweep, samples
-    if sweep.primary_classes != sweep.classes:
-        primary = resample_sweep(compared, units.of_frames, n_resamples, sweep.primary_classes)
+    if asked.class_name is not None and sweep.primary_classes != sweep.classes:
+        primary = Contributions(sweep.of_class(asked.class_name), n_resamples).samples(rule)
     found = verdicts(primary, sweep.baseline, asked, sweep.plan.looks)
     if sweep.class_name is not None and not found.empty:
         found = found.assign(metric=of_class(asked.primary, sweep.class_name))
     return Judged(
-        compared=compared,
         samples=samples,
         gains=gains(samples, sweep.baseline),
         verdicts=_with_minutes(found, sweep),
-        units=units,
+        units=made.units,
         margin=asked.margin,
         left_out=tuple(left_out(sweep)),
     )

@@ -2,49 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import comb
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.bootstrap import resampled_aps
 from fl3d.evaluation.protocol import DIFFICULTIES
-from fl3d.runs.finished import FinishedSweep, FinishedTrial
 
 HALVINGS = 100
 Float = NDArray[np.float64]
 
 
-def split_halves(sweep: FinishedSweep) -> pd.DataFrame:
+def halved(compared: Iterable[Comparison], classes: Sequence[str]) -> tuple[float, float]:
     """3D AP moderate of the checkpoint that a half chooses, on it and on the other half.
 
     Args:
-        sweep: its run folders must be at hand.
+        compared: the checkpoints of a trial, held against the labels.
+        classes: whose mean AP it is.
 
     Returns:
-        a row a trial: ``trial``, ``chosen`` and ``other``, means over halvings in both directions.
+        means over halvings in both directions.
     """
-    rows = []
-    for trial in tqdm(sweep.trials, desc="halves", unit="trial", leave=False, disable=None):
-        chosen, other = _halved(sweep, trial)
-        rows.append({"trial": trial.key, "chosen": chosen, "other": other})
-    return pd.DataFrame(rows)
-
-
-def _halved(sweep: FinishedSweep, trial: FinishedTrial) -> tuple[float, float]:
     sides: NDArray[np.int32] | None = None
     means = []
     moderate = []
-    for step in trial.folder.steps():
-        comparison = sweep.comparison(trial, step)
+    for comparison in compared:
         if sides is None:
             sides = halves(len(comparison.gt))
         flat = sides.reshape(-1, sides.shape[2])
-        aps = {level: _aps(comparison, sweep.classes, level, flat) for level in DIFFICULTIES}
+        aps = {level: _aps(comparison, classes, level, flat) for level in DIFFICULTIES}
         means.append(np.mean(list(aps.values()), axis=0))
         moderate.append(aps["moderate"])
     return split_half(np.stack(means, axis=-1), np.stack(moderate, axis=-1))

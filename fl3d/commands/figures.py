@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fl3d.analysis.samples import compare_sweep
+from fl3d.analysis.contributions import Contributions
 from fl3d.commands.words import HELP, open_words, or_gamma, parser, read_words
 from fl3d.papers.results import draw_curves, draw_papers, draw_verdicts, judge_or_say
 
@@ -20,10 +20,10 @@ def run(arguments: list[str]) -> None:
     sweep = open_words(read_words(or_gamma(words)))
     written = []
     for one in (sweep, *sweep.each_class()):
-        judged = judge_or_say(one, print)
-        compared = compare_sweep(one) if judged is None else judged.compared
+        made = Contributions(one)
+        judged = judge_or_say(one, print, made)
         written += [] if judged is None else draw_verdicts(one, judged)
-        written += draw_curves(one, compared)
+        written += draw_curves(one, made)
     written += draw_papers(sweep)
     folder = sweep.settings.results_folder / "figures"
     print(f"Written to {folder}: " + ", ".join(path.name for path in written))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fl3d.analysis.found import judge_sweep
 from fl3d.analysis.gains import recalls, without_baseline
-from fl3d.analysis.samples import AVERAGES, CELLS
+from fl3d.analysis.samples import AVERAGES, CELLS, compare_sweep
 from fl3d.commands.words import HELP, open_words, parser, read_words
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.files import write_text
@@ -60,16 +60,17 @@ def _show(sweep: FinishedSweep, metric: str | None, average: str) -> None:
     """
     levels = levels_of(sweep)
     judged = judge_sweep(sweep)
+    compared = compare_sweep(sweep)
     for table in tables_of_verdicts(judged, levels):
         print(to_markdown(table))
     if metric is not None:
         for table in gains_tables(judged.gains, levels, metric, average):
             print(to_markdown(table))
-    for group in without_baseline(judged.compared, sweep.baseline):
+    for group in without_baseline(compared, sweep.baseline):
         print(f"{group}: no gains, for no trial of the baseline {sweep.baseline} is done.")
     folder = sweep.settings.results_folder
     frames = {"verdicts": judged.verdicts, "gains": judged.gains}
-    for kind, frame in {**frames, "recalls": recalls(judged.compared, sweep.classes)}.items():
+    for kind, frame in {**frames, "recalls": recalls(compared, sweep.classes)}.items():
         path = folder / "tables" / f"{kind}_{sweep.name}_{sweep.protocol.name}.csv"
         write_text(path, frame.to_csv(index=False, lineterminator="\n"))
         print(f"Written to {path}.")

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import judge_sweep
 from fl3d.commands.train import train
 from fl3d.commands.words import PUBLISHED, open_words, parser, read_words
@@ -112,10 +113,11 @@ def publish(name: str, words: Sequence[str]) -> FinishedSweep:
         done = f"{len(sweep.trials)} of {len(sweep.plan.trials)} trials"
         raise StoreError(f"{name}: {done} are done; nothing is published before all are")
     tables, _ = write_sweep(sweep, feeding(sweep, words, None), print)
-    judged = judge_sweep(sweep)
-    write_views(sweep, tables, judged, print)
+    made = Contributions(sweep)
+    judged = judge_sweep(sweep, contributions=made)
+    write_views(sweep, tables, judged, print, made)
     write_still_tables(sweep)
-    draw_curves(sweep, judged.compared)
+    draw_curves(sweep, made)
     draw_papers(sweep)
     return sweep
 

@@ -15,6 +15,8 @@ from fl3d.store.opening import open_store
 def run(arguments: list[str]) -> None:
     """Make tables, figures, claims and one page of them; trains nothing.
 
+    What a trial contributes is made on all cores and kept in the store, so that a second report reads it.
+
     Without a sweep among the words: of +sweep=gamma, with the tables of all other sweep files that were run on the data
     and profile below its own.
     """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -155,6 +157,16 @@ class Validation:
             boxes = self.calibrations[index].boxes_to_velo(labels.boxes_cam)
             counts.append(count_points_inside(points, boxes))
         return np.concatenate(counts)
+
+    @cached_property
+    def digest(self) -> str:
+        """Identity of all that detections are held against, points on the labels aside."""
+        found = hashlib.sha256(json.dumps([self.ids, self.image_sizes]).encode())
+        for labels, calibration in zip(self.labels, self.calibrations, strict=True):
+            for part in (*vars(labels).values(), *vars(calibration).values()):
+                if part is not None:
+                    found.update(f"{part.shape} {part.dtype} ".encode() + part.tobytes())
+        return found.hexdigest()
 
 
 def read_validation(folder: KittiFolder, ids: Sequence[str]) -> Validation:

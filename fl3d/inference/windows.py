@@ -1,26 +1,33 @@
-"""Posteriors of a checkpoint's windows on validation frames: what Figures 4 and 5 are made of."""
+"""Posteriors of checkpoints' windows on validation frames: what Figures 4 and 5 are made of."""
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tqdm import tqdm
 
-from fl3d.core.files import write_atomically
+from fl3d.core.digests import digest, file_digest
+from fl3d.core.errors import CheckpointError
 from fl3d.data.dataset import Frames
 from fl3d.detectors.base import Detector
 from fl3d.inference.detect import to_device
 from fl3d.inference.load import load
 from fl3d.inference.precision import multiplying
+from fl3d.runs.checkpoints import read_marker
 from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.kept import Arrays, code_digest, is_kept, kept
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import read_spec
 
 POSITIVES, NEGATIVES = 100_000, 10_000_000  # sampled at most (paper, §VI-B)
+# What their values come from, besides weights and frames.
+CODE = ("geometry", "data", "losses.py", "sparse", "points", "detectors", "inference")
+Place = tuple[RunFolder, int]  # of a checkpoint: the stage that holds it, and its step
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,7 @@ class Windows:
 
 
 def windows_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> Windows:
-    """Windows of a checkpoint; the network is run once, and what it says is kept beside the detections.
+    """Windows of a checkpoint; the network is run once, and what it says is kept beside the checkpoint.
 
     Args:
         sweep: whose frames they are of.
@@ -50,62 +57,120 @@ def windows_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> Windows:
         CheckpointError: the weights cannot be read.
         DataError: the frames are not there.
     """
-    path = folder.windows(step)
-    if not path.exists():
-        found = _run(sweep, folder, step)
-        write_atomically(path, lambda temporary: _save(temporary, found))
-    with np.load(path) as stored:
-        return Windows(stored["positive"], stored["negative"], int(stored["frames"]))
+    found = kept(
+        folder.kept(step, "windows"),
+        _made_of(sweep, folder, step),
+        lambda: _as_arrays(_run(sweep, [(folder, step)])[0]),
+    )
+    return Windows(found["positive"], found["negative"], int(found["frames"]))
 
 
-def _save(path: Path, found: Windows) -> None:
-    with path.open("wb") as file:
-        np.savez_compressed(
-            file, positive=found.positive, negative=found.negative, frames=np.array(found.frames)
-        )
+def make_windows(sweep: FinishedSweep, places: Sequence[Place]) -> None:
+    """Make and keep the windows of some checkpoints whose networks read a frame alike, in one pass over the frames.
+
+    Args:
+        sweep: whose frames they are of.
+        places: checkpoints of one of the groups of ``missing_windows``.
+
+    Raises:
+        CheckpointError: the weights cannot be read.
+        DataError: the frames are not there.
+    """
+    for (folder, step), found in zip(places, _run(sweep, places), strict=True):
+        arrays = _as_arrays(found)
+        kept(folder.kept(step, "windows"), _made_of(sweep, folder, step), lambda a=arrays: a)  # type: ignore[misc]
 
 
-def _run(sweep: FinishedSweep, folder: RunFolder, step: int) -> Windows:
-    spec = read_spec(folder)
+def missing_windows(sweep: FinishedSweep, places: Sequence[Place]) -> list[list[Place]]:
+    """Those of some checkpoints whose windows are not kept, by what their networks read of a frame."""
+    groups: dict[str, list[Place]] = {}
+    for folder, step in dict.fromkeys(places):
+        if not is_kept(folder.kept(step, "windows"), _made_of(sweep, folder, step)):
+            config = read_spec(folder).stage.config
+            read = {key: config.get(key) for key in ("detector", "data", "precision")}
+            groups.setdefault(digest(read), []).append((folder, step))
+    return list(groups.values())
+
+
+def _as_arrays(found: Windows) -> Arrays:
+    frames = np.array(found.frames)
+    return {"positive": found.positive, "negative": found.negative, "frames": frames}
+
+
+def _made_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> Mapping[str, Any]:
+    """What decides them: the network and its weights, the frames, the code."""
+    return {
+        "stage": folder.key,
+        "weights": read_marker(folder, step).sha256,
+        "frames": sweep.frames_digest,
+        "most": [POSITIVES, NEGATIVES],
+        "code": code_digest(*CODE),
+    }
+
+
+def _run(sweep: FinishedSweep, places: Sequence[Place]) -> list[Windows]:
+    spec = read_spec(places[0][0])
     device = (
         spec.machine.device if torch.cuda.is_available() else "cpu"
     )  # trained elsewhere, perhaps
     frames = Frames(spec.kitti(sweep.kitti().root), spec.machine.val_ids, 0)
-    detector = load(folder, step, device)
+    detectors = [_load(folder, step, device) for folder, step in places]
     with multiplying(spec.settings.precision, device):
-        return collect_windows(detector, frames, device)
+        return collect_windows(detectors, frames, device)
+
+
+def _load(folder: RunFolder, step: int, device: str) -> Detector:
+    """A checkpoint's network, of the weights that its marker names: what is kept of it bears their digest.
+
+    Raises:
+        CheckpointError: the weights cannot be read, or are others.
+    """
+    detector = load(folder, step, device)
+    weights = folder.weights(step)
+    if file_digest(weights) != read_marker(folder, step).sha256:
+        raise CheckpointError(f"{weights}: is not what its marker says; it was changed since")
+    return detector
 
 
 @torch.no_grad()
 def collect_windows(
-    detector: Detector,
+    detectors: Sequence[Detector],
     frames: Frames,
     device: str = "cpu",
     most_positive: int = POSITIVES,
     most_negative: int = NEGATIVES,
-) -> Windows:
-    """Run a detector in evaluation mode, frame by frame.
+) -> list[Windows]:
+    """Run detectors in evaluation mode, frame by frame; each frame is encoded once for all.
 
     Args:
-        detector: the network.
+        detectors: networks that differ in their weights alone.
         frames: validation frames.
-        device: of the network.
+        device: of the networks.
         most_positive: sampled of all there are.
         most_negative: sampled, of each frame an equal number at most.
     """
-    detector.eval()
     limit = -(-most_negative // max(1, len(frames)))
-    positives, negatives = [], []
-    for i in tqdm(range(len(frames)), desc="windows", unit="frame", leave=False, disable=None):
+    positives: list[list[NDArray[np.float32]]] = [[] for _ in detectors]
+    negatives: list[list[NDArray[np.float32]]] = [[] for _ in detectors]
+    first = detectors[0]
+    for detector in detectors:
+        detector.eval()
+    for i in range(len(frames)):
         rng = np.random.default_rng([0, i])
-        batch = to_device(
-            detector.collate([detector.encode(frames[i], rng, training=True)]), device
+        batch = to_device(first.collate([first.encode(frames[i], rng, training=True)]), device)
+        for place, detector in enumerate(detectors):
+            found = (logits.float().cpu().numpy() for logits in detector.windows(dict(batch)))
+            positive, negative = found
+            positives[place].append(positive)
+            negatives[place].append(_sample(negative, limit, copy.deepcopy(rng)))
+    return [
+        Windows(
+            _sample(np.concatenate(own), most_positive, np.random.default_rng(0)),
+            np.concatenate(others),
+            len(frames),
         )
-        positive, negative = (logits.float().cpu().numpy() for logits in detector.windows(batch))
-        positives.append(positive)
-        negatives.append(_sample(negative, limit, rng))
-    every = _sample(np.concatenate(positives), most_positive, np.random.default_rng(0))
-    return Windows(every, np.concatenate(negatives), len(frames))
+        for own, others in zip(positives, negatives, strict=True)
+    ]
 
 
 def _sample(

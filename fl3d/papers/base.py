@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from fl3d.analysis.ahead import Job
 from fl3d.analysis.found import Judged
 from fl3d.core.errors import ConfigError
 from fl3d.reports.table import Table
@@ -100,6 +101,8 @@ class Paper:
         tables: that sweeps feed, in printed order.
         still: tables that need no training, made now.
         draw: figures of a sweep into a folder; every file written. None: it has none.
+        jobs: what its figures and claims need that takes long and can be made ahead, of the sweep at a place, see
+            ``analysis.ahead``; None: nothing.
         claims: sentences of it that state a number, beside what a sweep gives and what it has found (None where that
             cannot be told); None: none are kept, or none are about such a sweep.
         captions: of figures, by their files' names without ending.
@@ -109,6 +112,7 @@ class Paper:
     tables: tuple[PaperTable, ...]
     still: Callable[[], list[Table]] = list
     draw: Callable[[FinishedSweep, Path], list[Path]] | None = None
+    jobs: Callable[[int, FinishedSweep], Iterable[Job]] | None = None
     claims: Callable[[FinishedSweep, Judged | None], Table | None] | None = None
     captions: Mapping[str, str] = field(default_factory=dict)
 

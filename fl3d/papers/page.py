@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from fl3d.analysis.ahead import make_ahead
+from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import Judged
-from fl3d.analysis.samples import compare_sweep
-from fl3d.analysis.split_halves import HALVINGS, best_of_k_checkpoints, split_halves
+from fl3d.analysis.split_halves import HALVINGS, best_of_k_checkpoints
 from fl3d.core.files import write_text
 from fl3d.papers.judged_views import tables_of_verdicts
 from fl3d.papers.registry import PAPERS, papers_of
@@ -17,6 +18,7 @@ from fl3d.papers.results import (
     Say,
     draw_curves,
     draw_papers,
+    jobs_of,
     judge_or_say,
     write_still_tables,
     write_sweep,
@@ -65,24 +67,27 @@ def write_page(
         say: prints a line for the user.
     """
     main = sweeps[0]
-    compared = compare_sweep(main)  # what cannot be made is not begun
+    make_ahead(sweeps, jobs_of(sweeps, curves=(main,)))
+    contributions = Contributions(main)
+    contributions.samples()  # what cannot be made is not begun
     found: list[str] = []
     tables: list[str] = []
     pictures: list[Path] = []
     main_judged: Judged | None = None
     for sweep in (part for one in sweeps for part in (one, *one.each_class())):
         made, _ = write_sweep(sweep, feeding(sweep, words, published), _quiet(say))
-        judged = judge_or_say(sweep, say)
-        views = write_views(sweep, made, judged, _quiet(say))
+        own = contributions if sweep is main else Contributions(sweep)
+        judged = judge_or_say(sweep, say, own)
+        views = write_views(sweep, made, judged, _quiet(say), own)
         tables += _tables(made, views)
         question = None if sweep is main else _question(sweep)
         found += _found(sweep, judged, question)
         if sweep is main:
             main_judged = judged
         if sweep is main or sweep.class_name is not None:
-            pictures += draw_curves(sweep, compared)
+            pictures += draw_curves(sweep, own)
         pictures += draw_papers(sweep)
-    halves, more = _halves(main)
+    halves, more = _halves(contributions)
     pictures += more
     folder = main.settings.results_folder
     papers = papers_of(main.settings.sweep.tables)
@@ -132,14 +137,15 @@ def _quiet(say: Say) -> Say:
     return quiet
 
 
-def _halves(sweep: FinishedSweep) -> tuple[Table, list[Path]]:
+def _halves(made: Contributions) -> tuple[Table, list[Path]]:
+    sweep = made.sweep
     levels = levels_of(sweep)
     notes = (f"{HALVINGS} random halvings of the validation frames, each in both directions.",)
     table = halves_table(
         sweep.scores,
         sweep.select("last"),
         sweep.select("best"),
-        split_halves(sweep),
+        made.halves(),
         levels,
         sweep.settings.best_among,
         notes,

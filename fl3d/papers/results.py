@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from fl3d.analysis.ahead import Job, contribution_jobs
+from fl3d.analysis.contributions import CUTS, Contributions
 from fl3d.analysis.found import Judged, judge_sweep
-from fl3d.analysis.rescore import rescore
-from fl3d.analysis.samples import Comparisons
 from fl3d.config.settings import Settings
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
 from fl3d.core.files import remove_old_temporaries, write_text
@@ -21,7 +21,13 @@ from fl3d.evaluation.protocol import METRICS, Protocol
 from fl3d.papers.base import PaperTable
 from fl3d.papers.judged_views import intervals_by_level, tables_of_verdicts
 from fl3d.papers.registry import papers_of, tables_named
-from fl3d.reports.figures.curves import ap_over_cut, ap_over_level, ap_over_steps, precision_recall
+from fl3d.reports.figures.curves import (
+    METRIC,
+    ap_over_cut,
+    ap_over_level,
+    ap_over_steps,
+    precision_recall,
+)
 from fl3d.reports.figures.forest import forest
 from fl3d.reports.figures.style import beside
 from fl3d.reports.levels import levels_table, slug
@@ -34,7 +40,6 @@ from fl3d.runs.scores import score_file, score_text, write_score_file
 Say = Callable[[str], None]
 FIGURES = (".csv", ".png", ".pdf")  # what each figure is written as
 GENERIC_AVERAGE = "R40"  # of tables that no paper prescribes: KITTI's own since 2019
-CUTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 
 
 def protocol_note(
@@ -170,7 +175,11 @@ def write_sweep(
 
 
 def write_views(
-    sweep: FinishedSweep, tables: Sequence[Table], judged: Judged | None, say: Say
+    sweep: FinishedSweep,
+    tables: Sequence[Table],
+    judged: Judged | None,
+    say: Say,
+    contributions: Contributions | None = None,
 ) -> list[Table]:
     """Write each table beside the published one, with intervals and verdicts, and the verdicts alone; all of these.
 
@@ -179,6 +188,7 @@ def write_views(
         tables: as ``write_sweep`` made them.
         judged: what the sweep has found; None: only what needs no detections is written.
         say: prints a line for the user.
+        contributions: of its trials, where they are at hand.
     """
     named = {table.number: table for table in paper_tables(sweep)}
     views = [
@@ -189,7 +199,7 @@ def write_views(
         if view
     ]
     if judged is not None:
-        views += interval_views(sweep, tables, judged)
+        views += interval_views(sweep, tables, judged, contributions)
         views += verdict_views(sweep, judged)
     for view in views:
         say("\n" + to_markdown(view))
@@ -202,10 +212,12 @@ def write_views(
     return views
 
 
-def judge_or_say(sweep: FinishedSweep, say: Say) -> Judged | None:
+def judge_or_say(
+    sweep: FinishedSweep, say: Say, contributions: Contributions | None = None
+) -> Judged | None:
     """What a sweep has found; None, and a line why, where that cannot be told."""
     try:
-        return judge_sweep(sweep)
+        return judge_sweep(sweep, contributions=contributions)
     except ConfigError as error:
         say(f"No verdicts: {error}")
     except (CheckpointError, DataError, StoreError) as error:
@@ -213,7 +225,12 @@ def judge_or_say(sweep: FinishedSweep, say: Say) -> Judged | None:
     return None
 
 
-def interval_views(sweep: FinishedSweep, tables: Sequence[Table], judged: Judged) -> list[Table]:
+def interval_views(
+    sweep: FinishedSweep,
+    tables: Sequence[Table],
+    judged: Judged,
+    contributions: Contributions | None = None,
+) -> list[Table]:
     """The tables with intervals and verdicts."""
     named = {table.number: table for table in paper_tables(sweep)}
     by_rule = {"last": judged}
@@ -222,7 +239,7 @@ def interval_views(sweep: FinishedSweep, tables: Sequence[Table], judged: Judged
         paper_table = named.get(table.name)
         rule = paper_table.rule if paper_table else "last"
         if rule not in by_rule:
-            by_rule[rule] = judge_sweep(sweep, rule)
+            by_rule[rule] = judge_sweep(sweep, rule, contributions=contributions)
         if paper_table is not None:
             view = paper_table.intervals(table, by_rule[rule])
         else:
@@ -275,40 +292,70 @@ def remove_views(sweep: str, tables: Sequence[Table], folder: Path) -> None:
         beside(folder / "figures" / f"forest_{sweep}", ending).unlink(missing_ok=True)
 
 
-def draw_curves(sweep: FinishedSweep, compared: Comparisons) -> list[Path]:
+def rules_of(sweep: FinishedSweep) -> list[str]:
+    """Which checkpoints of its trials a sweep's tables are about: the last, and perhaps the best."""
+    return list(dict.fromkeys(["last", *(table.rule for table in paper_tables(sweep))]))
+
+
+def jobs_of(sweeps: Sequence[FinishedSweep], curves: Sequence[FinishedSweep]) -> Iterator[Job]:
+    """What tables, verdicts and figures of some sweeps need of their trials, as far as it is not kept.
+
+    Args:
+        sweeps: some sweeps.
+        curves: those of them whose curves are drawn.
+    """
+    for place, sweep in enumerate(sweeps):
+        yield from contribution_jobs(
+            place, sweep, rules_of(sweep), any(sweep is one for one in curves)
+        )
+        for paper in papers_of(sweep.settings.sweep.tables):
+            yield from paper.jobs(place, sweep) if paper.jobs is not None else ()
+
+
+def draw_curves(sweep: FinishedSweep, contributions: Contributions | None = None) -> list[Path]:
     """Curves of any sweep: AP over steps and score cut, precision over recall; every file written.
 
     Args:
         sweep: its run folders must be at hand.
-        compared: its last models, see ``analysis.samples.compare_sweep``.
+        contributions: of its trials, where they are at hand.
     """
     folder = sweep.settings.results_folder / "figures"
+    made = contributions or Contributions(sweep)
     levels = levels_of(sweep)
     last = sweep.select("last")
     best = sweep.select("best")
     written = ap_over_steps(
         sweep.scores, last, best, levels, folder / f"ap_over_steps_{sweep.name}"
     )
-    cuts = rescore(sweep, {"score_threshold": CUTS})
-    written += ap_over_cut(cuts, levels, folder / f"ap_over_cut_{sweep.name}")
-    curves = precision_curves(compared, sweep.classes)
+    written += ap_over_cut(cut_curves(made), levels, folder / f"ap_over_cut_{sweep.name}")
+    curves = precision_curves(made)
     return written + precision_recall(curves, levels, folder / f"precision_recall_{sweep.name}")
 
 
-def precision_curves(compared: Comparisons, classes: Sequence[str] = CARS) -> pd.DataFrame:
-    """Precision over recall of 3D moderate, seeds and classes averaged, by ``group``, ``level`` and ``recall``."""
-    recall = np.arange(N_SAMPLES) / (N_SAMPLES - 1)
+def cut_curves(made: Contributions) -> pd.DataFrame:
+    """3D AP moderate of the last models by score cut; a row a trial and cut, by group, level and seed."""
+    sweep = made.sweep
+    place = {level: number for number, level in enumerate(sweep.levels)}
     parts = []
-    for group, levels in compared.items():
-        for level, by_seed in levels.items():
-            precision = np.mean(
-                [
-                    one.curve(name, "3d", "moderate").precision
-                    for one in by_seed.values()
-                    for name in classes
-                ],
-                axis=0,
-            )
+    for trial in sorted(sweep.trials, key=lambda t: (t.group, place[t.level], t.seed)):
+        front = {"group": trial.group, "level": trial.level, "seed": trial.seed}
+        aps = {"score_threshold": CUTS, METRIC: made.at_cuts(trial)}
+        parts.append(pd.DataFrame(front | aps))
+    return pd.concat(parts, ignore_index=True)
+
+
+def precision_curves(made: Contributions) -> pd.DataFrame:
+    """Precision over recall of 3D moderate, seeds averaged: ``group``, ``level``, ``recall``, ``precision``."""
+    recall = np.arange(N_SAMPLES) / (N_SAMPLES - 1)
+    found: dict[tuple[str, str], list[np.ndarray]] = {
+        (group, level): [] for group in made.sweep.groups for level in made.sweep.levels
+    }
+    for trial in made.sweep.trials:
+        found[trial.group, trial.level].append(made.precision(trial))
+    parts = []
+    for (group, level), by_seed in found.items():
+        if by_seed:
+            precision = np.mean(by_seed, axis=0)
             front = {"group": group, "level": level}
             parts.append(pd.DataFrame(front | {"recall": recall, "precision": precision}))
     return pd.concat(parts, ignore_index=True)

@@ -122,6 +122,8 @@ def _find(layout: StoreFolder, keep_every: int | None, orphans: bool) -> Finding
         if run.is_done:
             _find_weights(run, keep_every, found)
             found.waste += [Waste(HALF, path) for path in sorted(run.work.rglob(f"*{ASIDE}*"))]
+        if run.old_windows.is_dir():
+            found.waste.append(Waste("windows as older versions kept them", run.old_windows))
     found.waste += _leases([*layout.leases(), *(run.lease for run in idle)])
     found.waste += _temporary(layout)
     try:

@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from fl3d.config.settings import Settings
+from fl3d.core.digests import digest
 from fl3d.core.errors import StoreError, options
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.average_precision import Comparison
@@ -263,6 +264,16 @@ class FinishedSweep:
     def validation(self) -> Validation:
         """Labels and calibrations of its validation frames."""
         return read_validation(self.kitti(), read_spec(self.trials[0].folder).machine.val_ids)
+
+    @cached_property
+    def frames_digest(self) -> str:
+        """Identity of all that a network reads of its validation frames.
+
+        Raises:
+            DataError: they are not there.
+        """
+        kitti, ids = self.kitti(), self.validation.ids
+        return digest([kitti.digest(ids), kitti.image_digest(ids)])
 
     def detections(self, trial: FinishedTrial, step: int | None = None) -> StoredDetections:
         """What a checkpoint of a trial predicted on the validation frames; None: its last one."""

@@ -118,9 +118,14 @@ class RunFolder:
         """What a checkpoint predicts on the validation frames."""
         return self.path / "detections" / f"{step:08d}.parquet"
 
-    def windows(self, step: int) -> Path:
-        """Logits of a checkpoint's windows on the validation frames."""
-        return self.path / "windows" / f"{step:08d}.npz"
+    def kept(self, step: int, name: str) -> Path:
+        """What was made of a checkpoint once, see ``kept``."""
+        return self.path / "kept" / f"{step:08d}-{name}.bin"
+
+    @property
+    def old_windows(self) -> Path:
+        """Where windows were kept without a word of what they were made of; nothing reads them any more."""
+        return self.path / "windows"
 
     def scores(self, step: int, protocol_id: str) -> Path:
         """AP of a checkpoint under a protocol."""
@@ -208,6 +213,10 @@ class StoreFolder:
     def check(self, key: str) -> Path:
         """What a look at a sweep's data found, see ``sweep.checked``."""
         return self.checks / f"{key}.json"
+
+    def kept(self, name: str) -> Path:
+        """What was made of a sweep's frames once, see ``kept``."""
+        return self.root / "kept" / f"{name}.bin"
 
     def study(self, name: str) -> Path:
         """The journal of an Optuna study."""

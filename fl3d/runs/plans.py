@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fl3d.core.errors import StoreError
+from fl3d.core.errors import StoreError, Unwritable
 from fl3d.core.files import write_text
 from fl3d.core.records import Trial
 from fl3d.runs.layout import StoreFolder
@@ -97,13 +99,90 @@ def freeze(trial: Trial, config: Mapping[str, Any]) -> FrozenTrial:
     )
 
 
-def write_plan(path: Path, plan: FrozenPlan) -> None:
-    """Freeze a plan; what all trials share is written once."""
+class PlanFile:
+    """The file of a plan that may grow: each time what is new costs a line, and not the whole plan.
+
+    Lines lie beside the plan and name the plan that they belong to: those of another are passed over, and so is a last
+    one that is torn, of which nothing was begun yet.
+
+    Args:
+        path: of the plan.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._plan: FrozenPlan | None = None
+        self._shared: dict[str, Any] = {}
+        self._mark = ""
+
+    def write(self, plan: FrozenPlan) -> None:
+        """Freeze a plan: what it has gained since the last call, or all of it."""
+        new = self._gained(plan)
+        if new is None:
+            self._mark = uuid.uuid4().hex
+            self._shared = write_plan(self.path, plan, self._mark)
+        elif new:
+            lines = [{"of": self._mark, "trial": _as_written(one, self._shared)} for one in new]
+            _append(grown_file(self.path), [json.dumps(line) for line in lines])
+        self._plan = plan
+
+    def _gained(self, plan: FrozenPlan) -> tuple[FrozenTrial, ...] | None:
+        """Trials that it has gained; None: something else has changed, or they do not share what the others do."""
+        before = self._plan
+        if before is None or _head(before) != _head(plan):
+            return None
+        count = len(before.trials)
+        if plan.trials[:count] != before.trials:
+            return None
+        new = plan.trials[count:]
+        has_all = all(self._shared.keys() <= trial.config.keys() for trial in new)
+        return new if has_all else None
+
+
+def grown_file(path: Path) -> Path:
+    """Where the lines lie of what a plan has gained since it was written."""
+    return path.with_suffix(".grown")
+
+
+def _head(plan: FrozenPlan) -> tuple[Any, ...]:
+    """All of a plan but its trials; stages of earlier starts stay named where they come again."""
+    return plan.factor, plan.baseline, plan.looks, plan.words
+
+
+def _as_written(trial: FrozenTrial, shared: Mapping[str, Any]) -> dict[str, Any]:
+    own = {
+        key: value
+        for key, value in trial.config.items()
+        if key not in shared or shared[key] != value
+    }
+    return {**vars(trial), "config": own}
+
+
+def _append(path: Path, lines: Sequence[str]) -> None:
+    """Write lines behind those of a file, to the disk.
+
+    Raises:
+        Unwritable: they cannot be.
+    """
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            file.write("".join(f"{line}\n" for line in lines))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise Unwritable(error.errno, error.strerror, str(path)) from error
+
+
+def write_plan(path: Path, plan: FrozenPlan, mark: str = "") -> dict[str, Any]:
+    """Freeze a plan; what all trials share is written once, and returned.
+
+    Args:
+        path: where; lines of a plan that was there before go.
+        plan: the plan.
+        mark: by which lines name it that are written later; empty: it does not grow.
+    """
     shared = _shared([trial.config for trial in plan.trials])
-    trials = []
-    for trial in plan.trials:
-        own = {key: value for key, value in trial.config.items() if key not in shared}
-        trials.append({**vars(trial), "config": own})
+    trials = [_as_written(trial, shared) for trial in plan.trials]
     content = {
         "version": VERSION,
         "factor": plan.factor,
@@ -113,8 +192,11 @@ def write_plan(path: Path, plan: FrozenPlan) -> None:
         "earlier": sorted(plan.earlier),
         **({"looks": plan.looks} if plan.looks else {}),
         **({"words": plan.words} if plan.words else {}),
+        **({"mark": mark} if mark else {}),
     }
     write_text(path, json.dumps(content, indent=1) + "\n")
+    grown_file(path).unlink(missing_ok=True)
+    return shared
 
 
 def read_plan(path: Path) -> FrozenPlan:
@@ -129,10 +211,11 @@ def read_plan(path: Path) -> FrozenPlan:
             raise StoreError(
                 f"{path}: written by another version of fl3d; run the sweep again, which renews it"
             )
+        written = [*content["trials"], *_grown(path, content.get("mark", ""))]
         return FrozenPlan(
             factor=tuple(content["factor"]),
             baseline=content["baseline"],
-            trials=tuple(_trial(one, content["config"]) for one in content["trials"]),
+            trials=tuple(_trial(one, content["config"]) for one in written),
             earlier=tuple(content["earlier"]),
             looks=tuple(content.get("looks", ())),
             words=tuple(content.get("words", ())),
@@ -143,6 +226,18 @@ def read_plan(path: Path) -> FrozenPlan:
         raise StoreError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise StoreError(f"{path}: is not a sweep's plan ({error})") from None
+
+
+def _grown(path: Path, mark: str) -> list[dict[str, Any]]:
+    """Trials that a plan has gained since it was written."""
+    file = grown_file(path)
+    if not mark or not file.exists():
+        return []
+    *lines, _ = file.read_text(encoding="utf-8").split(
+        "\n"
+    )  # behind the last line's end: nothing, or torn
+    found = [json.loads(line) for line in lines]
+    return [line["trial"] for line in found if line["of"] == mark]
 
 
 def _trial(written: Mapping[str, Any], shared: Mapping[str, Any]) -> FrozenTrial:

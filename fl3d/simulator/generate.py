@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import io
 import json
-import multiprocessing as mp
 import os
 import sys
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
-from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +17,8 @@ from tqdm import tqdm
 
 from fl3d.core.errors import DataError
 from fl3d.core.files import TEMPORARY, write_atomically, write_text
-from fl3d.core.interrupts import deaf_children, end_with_parent
 from fl3d.core.leases import leased
+from fl3d.core.processes import KILLED, cores, pool
 from fl3d.data.calibration_files import write_calibration
 from fl3d.data.kitti import IMAGE_SIZE
 from fl3d.data.labels import read_labels, write_labels
@@ -37,11 +32,6 @@ from fl3d.simulator.scene import random_scene
 
 CHUNK = 8  # frames that a worker takes at a time
 TRIES = 3  # to write all frames, where processes are killed
-KILLED = (
-    BrokenProcessPool,
-    EOFError,
-    ConnectionError,
-)  # what a pool says of a killed worker, or server of workers
 FEW = 32  # frames for which starting workers does not pay
 PICTURE_SEED, DETECTIONS_SEED = (
     1,
@@ -200,26 +190,14 @@ def _claim(folder: Path, settings: Settings) -> None:
 
 def _written(write: partial[None], indices: list[int], workers: int | None) -> Iterator[None]:
     """Write frames here or in processes, as they come."""
-    workers = workers or len(os.sched_getaffinity(0))
+    workers = workers or cores()
     if workers == 1 or len(indices) < FEW:
         yield from map(write, indices)
         return
     write(indices[0])  # compiles what is not yet in numba's cache, once
     yield None
-    with _pool(workers) as pool:
-        yield from pool.map(write, indices[1:], chunksize=CHUNK)
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    context = mp.get_context("forkserver")
-    with deaf_children():
-        forkserver.ensure_running()
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_parent)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+    with pool(workers) as processes:
+        yield from processes.map(write, indices[1:], chunksize=CHUNK)
 
 
 def _label(folder: Path, index: int) -> Path:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
 
 from fl3d.config.settings import Settings
+from fl3d.core.counting import counted
 from fl3d.core.errors import ConfigError
 from fl3d.core.nested import leaves
 from fl3d.core.records import Config, Stage, Trial
@@ -16,7 +19,7 @@ from fl3d.runs.design import (
     make_design,
     refuse_twins,
 )
-from fl3d.runs.plans import FrozenPlan, freeze
+from fl3d.runs.plans import FrozenPlan, FrozenTrial, freeze
 from fl3d.sweep.detectors import planned
 from fl3d.sweep.identity import result_config
 from fl3d.sweep.plan import DataInfo, Plan, check_names, trial_stages
@@ -67,6 +70,8 @@ class Planner:
         compared = [key for key in swept if key.partition(".")[0] not in SHARED]
         self.design: Design = make_design(compared, settings.sweep)
         self._checked: set[str] = set()
+        self._frozen: dict[str, FrozenTrial] = {}
+        self._sections: dict[tuple[str, str], Any] = {}  # of stages' configs, by name and content
 
     def empty(self) -> Plan:
         """A plan without trials."""
@@ -87,11 +92,13 @@ class Planner:
         before = grown or self.empty()
         trials = {trial.key: trial for trial in before.trials}
         stages = dict(before.stages)
-        for point in points:
-            trial, chain = self._lay_out(point)
-            _refuse_unused(trial, trials.setdefault(trial.key, trial))
-            for stage in chain:
-                stages.setdefault(stage.key, stage)
+        with counted("planning", len(points), "trial") as advance:
+            for point in points:
+                trial, chain = self._lay_out(point)
+                _refuse_unused(trial, trials.setdefault(trial.key, trial))
+                for stage in chain:
+                    stages.setdefault(stage.key, stage)
+                advance(1)
         refuse_twins(trials.values())
         return Plan(before.sweep, tuple(trials.values()), stages)
 
@@ -113,9 +120,7 @@ class Planner:
         levels = list(dict.fromkeys(trial.level for trial in plan.trials))
         if self.grows and asked is not None:
             levels.append(asked_label(self.design.factor, asked))
-        trials = tuple(
-            freeze(trial, dict(leaves(result_config(trial.config)))) for trial in plan.trials
-        )
+        trials = tuple(self._as_kept(trial) for trial in plan.trials)
         return FrozenPlan(
             factor=self.design.factor,
             baseline=baseline_level(
@@ -131,6 +136,15 @@ class Planner:
             looks=self.looks,
         )
 
+    def _as_kept(self, trial: Trial) -> FrozenTrial:
+        """A trial as the plan's file has it; of a plan that grows it is made once."""
+        kept = self._frozen.get(trial.key)
+        if kept is None:
+            kept = freeze(trial, dict(leaves(result_config(trial.config))))
+            if self.grows:
+                self._frozen[trial.key] = kept
+        return kept
+
     def _lay_out(self, point: Point) -> tuple[Trial, list[Stage]]:
         """The trial of one point, and its stages."""
         self._check_shared(point)
@@ -138,7 +152,10 @@ class Planner:
         its.check()
         config = its.config
         detector = its.info(self.data)
-        stages = trial_stages(config, self.data, its.trainer_version, detector)
+        stages = [
+            replace(stage, config=self._shared(stage.config))
+            for stage in trial_stages(config, self.data, its.trainer_version, detector)
+        ]
         for stage in stages:
             if stage.key not in self._checked:
                 its.check_stage(stage, self.settings.device)
@@ -156,6 +173,15 @@ class Planner:
             seed=config["seed"],
         )
         return trial, stages
+
+    def _shared(self, config: Config) -> Config:
+        """An equal config that takes sections of other stages where they are equal: it keeps what it differs in."""
+        return {
+            key: self._sections.setdefault((key, repr(value)), value)
+            if isinstance(value, dict)
+            else value
+            for key, value in config.items()
+        }
 
     def _check_shared(self, point: Point) -> None:
         own, shared = (

@@ -28,8 +28,8 @@ from fl3d.sweep.recording import Recording
 from fl3d.sweep.scheduler import Outcome, Scheduler
 from fl3d.sweep.scoreboard import Scoreboard
 from fl3d.sweep.setup import (
+    Frozen,
     Prepared,
-    freeze,
     left_out,
     machine,
     refuse_several_machines,
@@ -86,7 +86,8 @@ def run_sweep(
         check_start(prepared, say)
         if narrower := left_out(prepared):
             say(narrower)
-        freeze(prepared, prepared.plan)
+        frozen = Frozen(prepared)
+        frozen.keep(prepared.plan)
         prepared.sweeper.open(prepared.planner.key)
         scores = scoreboard(prepared)
         costs = Costs(layout.stages, len(prepared.data.val_ids))
@@ -98,7 +99,7 @@ def run_sweep(
             prepared.sweeper.consult(Disk(prepared, costs, progress.say))
             try:
                 with closing(scheduler):  # its stages end first: the store may not answer
-                    return _loop(prepared, scheduler, recording, scores, progress, lease)
+                    return _loop(prepared, frozen, scheduler, recording, scores, progress, lease)
             except BaseException:
                 recording.interrupt()
                 raise
@@ -106,6 +107,7 @@ def run_sweep(
 
 def _loop(
     prepared: Prepared,
+    frozen: Frozen,
     scheduler: Scheduler,
     recording: Recording,
     scores: Scoreboard,
@@ -131,7 +133,7 @@ def _loop(
         advice = sweeper.advise(standings, scheduler.launcher.slots)
         if advice.points:
             plan = prepared.planner.plan(advice.points, plan)
-            freeze(prepared, plan)
+            frozen.keep(plan)
         scheduler.stop(advice.stop)
         progress.show(plan, scheduler, news)
         if scheduler.is_idle(plan):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -46,7 +47,10 @@ class Scoreboard:
         self.layout = layout
         self.validation = validation
         self.protocol = protocol
-        self._read: dict[tuple[str, int], APs] = {}
+        # Of each checkpoint the metrics' names, which all share, and its numbers: a dict of its own took ten times as
+        # much.
+        self._read: dict[tuple[str, int], tuple[tuple[str, ...], array[float]]] = {}
+        self._names: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._steps: dict[str, _Listing] = {}
         self._told: dict[str, int] = {}
 
@@ -91,10 +95,11 @@ class Scoreboard:
     def aps(self, key: str, step: int) -> APs:
         """APs of a stage's checkpoint, such as ``ap_3d/moderate``, in percent."""
         if (key, step) not in self._read:
-            self._read[key, step] = scores_of(
-                self.folder(key), step, self.validation, self.protocol
-            )
-        return self._read[key, step]
+            found = scores_of(self.folder(key), step, self.validation, self.protocol)
+            names = self._names.setdefault(tuple(found), tuple(found))
+            self._read[key, step] = names, array("d", found.values())
+        names, values = self._read[key, step]
+        return dict(zip(names, values, strict=True))
 
     def curve(self, stage: Stage) -> dict[int, APs]:
         """APs of a stage's checkpoints so far, by its own epochs; those that cannot be read are left out."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import socket
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from fl3d.config.places import own_folders
@@ -12,12 +12,12 @@ from fl3d.config.settings import Settings, read_settings
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.leases import living
 from fl3d.core.provenance import provenance, uncommitted
-from fl3d.core.records import Trial
+from fl3d.core.records import Stage, Trial
 from fl3d.data.classes import CARS
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.detections import read_validation
 from fl3d.runs.layout import StoreFolder
-from fl3d.runs.plans import read_plan, write_plan
+from fl3d.runs.plans import PlanFile, read_plan
 from fl3d.runs.spec import Machine, read_spec
 from fl3d.store.base import Store
 from fl3d.sweep.identity import reading
@@ -159,13 +159,36 @@ def freeze(prepared: Prepared, plan: Plan) -> None:
     """
     if not plan.trials:
         return
-    _refuse_other_reading(prepared.layout, plan)
-    path = prepared.layout.plan(prepared.settings.experiment)
-    try:
-        earlier = read_plan(path).stages
-    except StoreError:  # the first start, or one of another version
-        earlier = set()
-    write_plan(path, replace(prepared.planner.frozen(plan, earlier), words=prepared.words))
+    Frozen(prepared).keep(plan)
+
+
+class Frozen:
+    """The plan of a sweep as it is kept, while it grows; see ``freeze``.
+
+    Args:
+        prepared: the sweep.
+    """
+
+    def __init__(self, prepared: Prepared) -> None:
+        self.prepared = prepared
+        self._file = PlanFile(prepared.layout.plan(prepared.settings.experiment))
+        self._earlier: set[str] | None = None
+        self._known: set[str] = set()  # stages that were looked at
+
+    def keep(self, plan: Plan) -> None:
+        """Keep the plan as it is now: what it has gained is written, and not the whole of it."""
+        if not plan.trials:
+            return
+        new = {key: stage for key, stage in plan.stages.items() if key not in self._known}
+        _refuse_other_reading(self.prepared.layout, new)
+        self._known |= new.keys()
+        if self._earlier is None:
+            try:
+                self._earlier = read_plan(self._file.path).stages
+            except StoreError:  # the first start, or one of another version
+                self._earlier = set()
+        frozen = self.prepared.planner.frozen(plan, self._earlier)
+        self._file.write(replace(frozen, words=self.prepared.words))
 
 
 def left_out(prepared: Prepared) -> str:
@@ -194,13 +217,13 @@ def left_out(prepared: Prepared) -> str:
     )
 
 
-def _refuse_other_reading(layout: StoreFolder, plan: Plan) -> None:
+def _refuse_other_reading(layout: StoreFolder, stages: Mapping[str, Stage]) -> None:
     """Refuse a command whose checkpoints were read from other files than the config says now.
 
     Raises:
         ConfigError: naming the stage, and what to do.
     """
-    for key, stage in plan.stages.items():
+    for key, stage in stages.items():
         folder = layout.run(key)
         if is_command(stage.config) and folder.steps():
             before, now = reading(read_spec(folder).stage.config), reading(stage.config)

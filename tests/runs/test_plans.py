@@ -13,7 +13,9 @@ from fl3d.runs.plans import (
     VERSION,
     FrozenPlan,
     FrozenTrial,
+    PlanFile,
     freeze,
+    grown_file,
     named_stages,
     read_plan,
     write_plan,
@@ -53,6 +55,69 @@ PLAN = FrozenPlan(
     trials=(frozen("focal-0", 0.0), frozen("focal-2", 2.0, mixed=None)),
     earlier=("old",),
 )
+
+
+def test_a_plan_that_grows_is_read_whole_and_written_once(tmp_path: Path) -> None:
+    """What it gains are lines beside it, of what a trial has of its own."""
+    path = tmp_path / "plans" / "gamma.json"
+    file = PlanFile(path)
+    file.write(PLAN)
+    before = path.read_bytes()
+    grown = PLAN
+    for gamma in (3.0, 4.0, 5.0):
+        grown = replace(grown, trials=(*grown.trials, frozen(f"focal-{gamma:g}", gamma, mixed=1)))
+        file.write(grown)
+        assert read_plan(path) == grown
+    file.write(grown)
+    assert path.read_bytes() == before
+    lines = grown_file(path).read_text().splitlines()
+    assert [json.loads(line)["trial"]["key"] for line in lines] == ["focal-3", "focal-4", "focal-5"]
+    assert json.loads(lines[0])["trial"]["config"] == {"loss.gamma": 3.0, "mixed": 1}
+    assert read_plan(path).stages == {*PLAN.stages, "focal-3", "focal-4", "focal-5"}
+
+
+@pytest.mark.parametrize("ending", ["", '{"of": "', '{"of": "x", "trial": {}}'])
+def test_a_last_line_that_is_torn_is_passed_over(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / "gamma.json"
+    file = PlanFile(path)
+    file.write(PLAN)
+    grown = replace(PLAN, trials=(*PLAN.trials, frozen("focal-3", 3.0)))
+    file.write(grown)
+    with grown_file(path).open("a") as lines:
+        lines.write(ending)
+    assert read_plan(path) == grown
+
+
+def test_a_plan_is_written_anew_where_more_than_trials_has_changed(tmp_path: Path) -> None:
+    """Another baseline; a trial without a key that all had; the next start: lines of before are nobody's."""
+    path = tmp_path / "gamma.json"
+    file = PlanFile(path)
+    file.write(PLAN)
+    third = frozen("focal-3", 3.0)
+    file.write(replace(PLAN, trials=(*PLAN.trials, third)))
+    other = replace(PLAN, trials=(*PLAN.trials, third), baseline="2")
+    file.write(other)
+    assert read_plan(path) == other
+    assert not grown_file(path).exists()
+    short = replace(third, key="focal-4", config={"loss.gamma": 4.0})
+    fewer = replace(other, trials=(*other.trials, short))
+    file.write(fewer)
+    assert read_plan(path) == fewer
+    file.write(replace(fewer, trials=(*fewer.trials, replace(short, key="focal-5"))))
+    lines = grown_file(path).read_text()
+    PlanFile(path).write(PLAN)
+    grown_file(path).write_text(lines)  # as a kill between the plan and its lines would leave it
+    assert read_plan(path) == PLAN
+
+
+def test_a_damaged_line_before_the_last_is_no_plan(tmp_path: Path) -> None:
+    path = tmp_path / "gamma.json"
+    file = PlanFile(path)
+    file.write(PLAN)
+    file.write(replace(PLAN, trials=(*PLAN.trials, frozen("focal-3", 3.0))))
+    grown_file(path).write_text("{\n" + grown_file(path).read_text())
+    with pytest.raises(StoreError, match="is not a sweep's plan"):
+        read_plan(path)
 
 
 def test_a_plan_comes_back_as_it_was_written(tmp_path: Path) -> None:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from fl3d.analysis.ahead import Job, window_jobs
 from fl3d.config.compose import compose_config
 from fl3d.core.errors import StoreError
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.inference.load import build_detector
-from fl3d.inference.windows import windows_of
+from fl3d.inference.windows import Place, windows_of
 from fl3d.papers.base import with_values
 from fl3d.papers.focal_loss.tables import GAMMA, LAST_TABLES, best_pairs, gamma_of, is_over_gamma
 from fl3d.papers.focal_loss.window_figures import figure_4, figure_5, imbalance_by_height
@@ -19,8 +23,11 @@ from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models
 from fl3d.reports.levels import slug
 from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.kept import Arrays, code_digest, is_kept, kept
+from fl3d.runs.layout import StoreFolder
 from fl3d.runs.spec import read_spec
 
+FULL_GRID = ("detector=fcn3d", "profile=paper")
 COUNTED = 1000  # training frames over which positives by height are counted
 FIRST_SEED = "Models of the first seed of training that each γ has."
 CAPTIONS = {
@@ -44,13 +51,41 @@ def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
         sweep: its run folders must be at hand.
         folder: of the figures.
     """
-    detectors = {trial.detector for trial in sweep.trials}
-    if not is_over_gamma(sweep) or not detectors & set(LAST_TABLES):
+    if not _is_drawn(sweep):
         return []
     written = _posteriors(sweep, folder)
     written += _cumulative_losses(sweep, folder)
     written += imbalance_by_height(_heights(sweep), folder / "imbalance_by_height")
     return written + _scenes(sweep, folder)
+
+
+def jobs(place: int, sweep: FinishedSweep) -> Iterator[Job]:
+    """Windows that figures and claims need, and the count of positives by height, as far as they are not kept.
+
+    Args:
+        place: of the sweep.
+        sweep: its run folders must be at hand.
+    """
+    if _is_drawn(sweep):
+        yield from window_jobs(place, sweep, _windows(sweep))
+        if not is_kept(*_counted(sweep)):
+            yield Job(place, 1, _positives_by_height)
+
+
+def _is_drawn(sweep: FinishedSweep) -> bool:
+    return is_over_gamma(sweep) and any(trial.detector in LAST_TABLES for trial in sweep.trials)
+
+
+def _windows(sweep: FinishedSweep) -> list[Place]:
+    """Checkpoints whose windows are looked at: all last ones, and the best focal models of all seeds."""
+    places = [(trial.folder, trial.last_step) for trial in sweep.trials]
+    chosen = with_values(sweep, sweep.select("best"), {"gamma": GAMMA})
+    for detector, _, _, gamma in _best(sweep):
+        is_own = (chosen["detector"] == detector) & (chosen["gamma"].astype(float) == gamma)
+        own = chosen[is_own] if gamma > 0 else chosen[:0]
+        for key, step in zip(own["trial"], own["step"], strict=True):
+            places.append((sweep.trial(str(key)).holder(int(step)), int(step)))
+    return places
 
 
 def _posteriors(sweep: FinishedSweep, folder: Path) -> list[Path]:
@@ -91,19 +126,11 @@ def _best(sweep: FinishedSweep) -> list[tuple[str, str, int, float]]:
 
 def _heights(sweep: FinishedSweep) -> pd.DataFrame:
     """Positive and negative windows of 3D-FCN's full grid, a frame, by height; over training frames of the sweep."""
-    kitti = sweep.kitti()
-    detector = build_detector(compose_config(["detector=fcn3d", "profile=paper"]))
-    if not isinstance(detector, FCN3D):
-        raise StoreError("conf/detector/fcn3d.yaml no longer builds 3D-FCN")
+    detector = _full_grid()
     nz, ny, nx = detector.cells
-    ids = read_spec(sweep.trials[0].folder).machine.train_ids[:COUNTED]
-    counts = np.zeros(nz)
-    for frame_id in ids:
-        cells, _ = detector.assign(detector.targets.boxes_velo(kitti.frame(frame_id)))
-        counts += np.bincount(cells[:, 0], minlength=nz)
     rows = np.stack([np.arange(nz), np.zeros(nz), np.zeros(nz)], axis=1).astype(np.int64)
     low = detector.origins(rows)[:, 2]
-    positives = counts / len(ids)
+    positives = _positives_by_height(sweep) / len(_counted_ids(sweep))
     return pd.DataFrame(
         {
             "z_low": low,
@@ -112,6 +139,42 @@ def _heights(sweep: FinishedSweep) -> pd.DataFrame:
             "negatives": ny * nx - positives,
         }
     )
+
+
+def _full_grid() -> FCN3D:
+    detector = build_detector(compose_config(FULL_GRID))
+    if not isinstance(detector, FCN3D):
+        raise StoreError("conf/detector/fcn3d.yaml no longer builds 3D-FCN")
+    return detector
+
+
+def _counted_ids(sweep: FinishedSweep) -> tuple[str, ...]:
+    return read_spec(sweep.trials[0].folder).machine.train_ids[:COUNTED]
+
+
+def _counted(sweep: FinishedSweep) -> tuple[Path, dict[str, Any]]:
+    """Where the count of positives by height is kept, and what it is made of."""
+    spec = read_spec(sweep.trials[0].folder)
+    return StoreFolder(sweep.settings.store.root).kept("positives_by_height"), {
+        "frames": sweep.kitti().digest(_counted_ids(sweep)),
+        "read": spec.stage.config["data"],
+        "detector": compose_config(FULL_GRID)["detector"],
+        "code": code_digest("geometry", "data", "detectors"),
+    }
+
+
+def _positives_by_height(sweep: FinishedSweep) -> NDArray[np.float64]:
+    """Positive windows of 3D-FCN's full grid in all frames that are counted, by height: (Z,)."""
+
+    def make() -> Arrays:
+        kitti, detector = sweep.kitti(), _full_grid()
+        counts = np.zeros(detector.cells[0])
+        for frame_id in _counted_ids(sweep):
+            cells, _ = detector.assign(detector.targets.boxes_velo(kitti.frame(frame_id)))
+            counts += np.bincount(cells[:, 0], minlength=len(counts))
+        return {"counts": counts}
+
+    return kept(*_counted(sweep), make)["counts"]
 
 
 def _scenes(sweep: FinishedSweep, folder: Path) -> list[Path]:

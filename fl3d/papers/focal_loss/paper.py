@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fl3d.papers.base import Paper
 from fl3d.papers.focal_loss.claims import claims_of
-from fl3d.papers.focal_loss.figures import CAPTIONS, draw
+from fl3d.papers.focal_loss.figures import CAPTIONS, draw, jobs
 from fl3d.papers.focal_loss.layers import still_tables
 from fl3d.papers.focal_loss.tables import BEST_MODELS, LAST_3D_FCN, LAST_VOXELNET, LOSS_FORMS
 
@@ -13,6 +13,7 @@ FOCAL_LOSS = Paper(
     tables=(LAST_3D_FCN, LAST_VOXELNET, BEST_MODELS, LOSS_FORMS),
     still=still_tables,
     draw=draw,
+    jobs=jobs,
     claims=claims_of,
     captions=CAPTIONS,
 )

@@ -11,6 +11,7 @@ from typing import Any
 from hydra.core.override_parser.types import Override
 
 from fl3d.config.overrides import chooses_group, parse, plain_values, same_key, typed_words
+from fl3d.core.counting import counted
 from fl3d.core.errors import ConfigError
 from fl3d.core.nested import has_key, value_at
 from fl3d.core.records import Config
@@ -75,7 +76,12 @@ def grid(params: Mapping[str, object], arguments: Sequence[str], compose: Compos
         compose: makes a config of overrides.
     """
     laid = expand(params, arguments)
-    return Listed([point_of(own, compose(laid.whole(own))) for own in laid.points])
+    points = []
+    with counted("composing", len(laid.points), "trial") as advance:
+        for own in laid.points:
+            points.append(point_of(own, compose(laid.whole(own))))
+            advance(1)
+    return Listed(points)
 
 
 def point_of(overrides: Sequence[str], config: Config) -> Point:

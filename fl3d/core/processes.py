@@ -1,0 +1,56 @@
+"""Processes that work for a command: they end with it, whatever ends it."""
+
+from __future__ import annotations
+
+import multiprocessing as mp
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import forkserver
+from typing import Any
+
+from fl3d.core.interrupts import deaf_children, end_with_parent
+
+# What a pool says of a killed worker, or server of workers.
+KILLED = (BrokenProcessPool, EOFError, ConnectionError)
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def pool(
+    workers: int, begin: Callable[..., object] | None = None, given: tuple[Any, ...] = ()
+) -> Iterator[ProcessPoolExecutor]:
+    """Processes that take what is submitted to them; where the block ends by an exception they are ended at once.
+
+    Args:
+        workers: how many.
+        begin: called in each when it starts.
+        given: to ``begin``.
+    """
+    before = set(mp.active_children())
+    context = mp.get_context("forkserver")
+    with deaf_children():
+        forkserver.ensure_running()
+    executor = ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_begin, initargs=(begin, given)
+    )
+    try:
+        yield executor
+    except BaseException:  # Ctrl-C too: nobody waits for what a worker has in hand
+        for worker in set(mp.active_children()) - before:
+            worker.terminate()
+        raise
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _begin(begin: Callable[..., object] | None, given: tuple[Any, ...]) -> None:
+    end_with_parent()
+    if begin is not None:
+        begin(*given)
