@@ -211,7 +211,8 @@ def test_files_lie_where_published_stores_have_them(folder: RunFolder) -> None:
         folder.marker(5),
         folder.detections(5),
         folder.scores(5, "paper-1"),
-        folder.windows(5),
+        folder.old_windows,
+        folder.kept(5, "windows"),
     ]
     assert [str(path.relative_to(folder.path)) for path in names] == [
         "stage.json",
@@ -220,7 +221,8 @@ def test_files_lie_where_published_stores_have_them(folder: RunFolder) -> None:
         "checkpoints/00000005.json",
         "detections/00000005.parquet",
         "scores/paper-1/00000005.json",
-        "windows/00000005.npz",
+        "windows",
+        "kept/00000005-windows.bin",
     ]
     assert folder.beside("other").key == "other"
     assert StoreFolder(Path("runs")).plan("gamma") == Path("runs/plans/gamma.json")
