@@ -5,9 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import judge_sweep
 from fl3d.analysis.gains import recalls
 from fl3d.analysis.judge import Judge
+from fl3d.analysis.samples import compare_sweep
 from fl3d.papers.results import generic_tables, protocol_note, write_sweep, write_views
 from fl3d.runs.finished import FinishedSweep
 from tests.analysis.making import detected_sweep
@@ -51,8 +53,9 @@ def test_verdicts_are_of_the_mean_and_of_each_class(sweep: FinishedSweep) -> Non
     np.testing.assert_allclose(mean.verdicts["gain"], own.verdicts["gain"] / 2)
     assert set(own.verdicts["metric"]) == {"3d_r40/moderate/Car"}
     assert (none.verdicts["ap"] == 0).all()
-    shares = recalls(mean.compared, sweep.classes)["recall_0.1"]
-    np.testing.assert_allclose(shares, recalls(own.compared, cars.classes)["recall_0.1"] / 2)
+    shares = recalls(compare_sweep(sweep), sweep.classes)["recall_0.1"]
+    own_shares = recalls(compare_sweep(cars), cars.classes)["recall_0.1"]
+    np.testing.assert_allclose(shares, own_shares / 2)
 
 
 def test_the_primary_metric_decides_by_the_class_that_it_names(
@@ -90,3 +93,13 @@ def test_a_note_says_whose_ap_it_is(sweep: FinishedSweep) -> None:
     assert "0.7 / 0.5 / 0.5 for Car, 0.5 / 0.25 / 0.25 for Pedestrian" in mean
     own = protocol_note(sweep.settings, "R40", class_name="Pedestrian")
     assert "; Pedestrian, R40, overlaps 0.5 / 0.25 / 0.25 (image" in own
+
+
+def test_curves_are_of_the_mean_and_of_each_class(sweep: FinishedSweep) -> None:
+    trial = sweep.trials[0]
+    mean, cars, people = (Contributions(one, 20) for one in (sweep, *sweep.each_class()))
+    for curve in (Contributions.precision, Contributions.at_cuts):
+        np.testing.assert_allclose(
+            curve(mean, trial), (curve(cars, trial) + curve(people, trial)) / 2
+        )
+    assert curve(cars, trial).max() > 0

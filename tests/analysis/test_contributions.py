@@ -91,7 +91,7 @@ def test_a_cut_after_suppression_leaves_what_one_before_leaves(
         # Products of matrices round by the number of their rows.
         np.testing.assert_allclose(left.det.boxes_cam, alone.det.boxes_cam, rtol=0, atol=1e-12)
         np.testing.assert_allclose(left.overlaps.values[2], alone.overlaps.values[2], atol=1e-12)
-        assert left.curve(*CELL).ap_r40 == alone.curve(*CELL).ap_r40
+        assert left.curve("Car", *CELL).ap_r40 == alone.curve("Car", *CELL).ap_r40
         counts.append(len(left.det.types))
     assert counts[0] > counts[-1]
 

@@ -264,7 +264,6 @@ def test_a_detector_whose_baseline_is_not_done_has_no_table_with_intervals() -> 
     sweep = voxelnet_sweep([("loss.gamma=1", 1.0), ("loss.gamma=2", 2.0)])
     front = {"group": ["3D-FCN"], "level": ["0"], "seeds": [1]}
     judged = Judged(
-        compared={},
         samples={},
         gains=pd.DataFrame(front),
         verdicts=pd.DataFrame(front),
@@ -287,9 +286,7 @@ def test_best_models_have_intervals_and_neither_stars_nor_verdicts() -> None:
     ]
     gains = pd.DataFrame(rows)
     units = Units("frames", np.arange(3), "a note")
-    judged = Judged(
-        compared={}, samples={}, gains=gains, verdicts=gains, units=units, margin=1.0, left_out=()
-    )
+    judged = Judged(samples={}, gains=gains, verdicts=gains, units=units, margin=1.0, left_out=())
     view = BEST_MODELS.intervals(table, judged)
     assert view is not None
     assert [cell.text for cell in view.column("3d_hard")] == [
