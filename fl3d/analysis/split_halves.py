@@ -84,16 +84,19 @@ def best_of_k(values: Float) -> Float:
 
 
 def best_of_k_checkpoints(scores: pd.DataFrame) -> pd.DataFrame:
-    """Mean 3D AP moderate of the best of k checkpoints of a trial's whole curve, seeds averaged.
+    """Mean 3D AP moderate of the best of k checkpoints of a trial's last stage, seeds averaged.
+
+    Those of a shared beginning are no choice between levels: all have them.
 
     Args:
-        scores: tidy.
+        scores: tidy, with ``first_own_step``.
 
     Returns:
         a row for each group, level and k: ``best``.
     """
     parts = []
-    for (group, level, seed), own in scores.groupby(["group", "level", "seed"], sort=False):
+    last = scores[scores["step"] > scores["first_own_step"]]
+    for (group, level, seed), own in last.groupby(["group", "level", "seed"], sort=False):
         best = best_of_k(own["ap_3d/moderate"].to_numpy())
         front = {"group": group, "level": level, "seed": seed}
         parts.append(pd.DataFrame(front | {"k": np.arange(1, len(best) + 1), "best": best}))

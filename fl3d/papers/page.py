@@ -41,7 +41,7 @@ CAPTIONS = {
     "ap_over_steps": "3D AP moderate of every checkpoint: of each level the mean over its own seeds of training, in a "
     "band from the lowest to the highest (none around one seed); marks: the seeds' last and best, on average; the "
     "dotted line is where each trial's last stage begins.",
-    "best_of_k": "Mean of the best of k checkpoints of a trial's whole curve, and over each level's own seeds of "
+    "best_of_k": "Mean of the best of k checkpoints of a trial's last stage, and over each level's own seeds of "
     "training: much of the rise is training itself.",
     "precision_recall": "Precision against recall of the last models, 3D moderate: at each recall the mean over each "
     "level's own seeds of training.",

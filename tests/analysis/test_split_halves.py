@@ -45,3 +45,9 @@ def test_curves_of_levels_keep_apart_and_seeds_are_averaged() -> None:
     whole = pd.Series(found["best"].to_numpy(), index=[found["level"], found["k"]])
     assert whole["original"].tolist() == pytest.approx([15 + 2, (20 + 20 + 15) / 3 + 2, 20 + 2])
     assert whole["enhanced"].tolist() == pytest.approx([15 + 4, (20 + 20 + 15) / 3 + 4, 20 + 4])
+
+
+def test_checkpoints_of_a_shared_beginning_are_no_choice() -> None:
+    """10 at the first step, which all levels share; 20 and 15 of the trial's own stage."""
+    scores = tidy_scores(["original"], groups=("VoxelNet",)).assign(first_own_step=10)
+    assert best_of_k_checkpoints(scores)["best"].tolist() == pytest.approx([17.5, 20])
