@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from fl3d.detectors.blocks import conv_block
 from fl3d.sparse.background import dense_bev
 from fl3d.sparse.functions import unlowered
-from fl3d.sparse.layers import BatchNorm2d, Conv2d, ConvTranspose2d, Map, lay_out
+from fl3d.sparse.layers import BatchNorm1d, BatchNorm2d, Conv2d, ConvTranspose2d, Map, lay_out
 from fl3d.sparse.layout import Layout
 
 N_FEATURES = 7  # x, y, z, reflectance, and x, y, z minus the mean of the voxel's points
@@ -32,11 +32,12 @@ class FullyConnected(nn.Module):
     def __init__(self, c_in: int, c_out: int) -> None:
         super().__init__()
         self.linear = nn.Linear(c_in, c_out)
-        self.norm = nn.BatchNorm1d(c_out)
+        self.norm = BatchNorm1d(c_out)
 
     def forward(self, rows: Tensor) -> Tensor:
         """(P, c_in) -> (P, c_out)."""
-        return torch.relu(self.norm(self.linear(rows)))
+        out: Tensor = self.norm(self.linear(rows), relu="behind")
+        return out
 
 
 class FeatureNet(nn.Module):

@@ -121,17 +121,11 @@ class Layout:
         return (cz[:, None, None] * ny + cy[None, :, None]) * nx + cx
 
     @cached_property
-    def flat(self) -> Tensor:
-        """(N,) place of each active row among all positions of its sample."""
-        _, ny, nx = self.shape
-        _, z, y, x = self.sites.unbind(1)
-        return (z * ny + y) * nx + x
-
-    @cached_property
-    def sample_offsets(self) -> list[int]:
-        """Where the rows of each sample begin, and the end."""
-        counts = torch.bincount(self.sites[:, 0], minlength=self.batch)
-        return [0, *counts.cumsum(0).tolist()]
+    def places(self) -> Tensor:
+        """(N,) place of each active row among all positions of all samples."""
+        nz, ny, nx = self.shape
+        b, z, y, x = self.sites.unbind(1)
+        return ((b * nz + z) * ny + y) * nx + x
 
 
 @dataclass(frozen=True)
