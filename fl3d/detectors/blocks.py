@@ -11,7 +11,8 @@ from torch import Tensor, nn
 
 from fl3d.core.errors import ConfigError, options
 from fl3d.sparse.background import laid_out
-from fl3d.sparse.layers import Map, ReLU
+from fl3d.sparse.layers import ReLU
+from fl3d.sparse.norms import Map
 
 COMPUTE = ("sparse", "dense")
 ORDERS = ("conv_relu_norm", "conv_norm_relu")

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 Triple = tuple[int, int, int]
@@ -145,6 +147,11 @@ class Rulebook:
     rows_out: Tensor
     offsets: list[int]
     patches: Tensor
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.int64], ...]:
+        """Rows of all pairs and their offsets, on the CPU."""
+        return self.rows_in.numpy(), self.rows_out.numpy(), np.array(self.offsets)
 
 
 Form = tuple[Any, ...]  # what a packed layout is made of: batch, lengths, and for each rule its own

@@ -149,7 +149,7 @@ def _gradient(
     to_mean: Float,
     to_away: Float,
 ) -> Float:
-    """What the numbers (P C) receive: ``scale grad - to_mean - to_away (x - mean)``, where both ReLUs let it through."""
+    """What numbers (P C) receive: ``scale grad - to_mean - to_away (x - mean)``, where the ReLUs let it through."""
     out, nothing = np.empty_like(x), x.dtype.type(0)
     for start in range(0, len(x), len(low)):
         end = start + len(low)
@@ -206,7 +206,10 @@ def from_statistics(
 def statistics(
     x: Float, canvas: Float, weights: Double, n: int, channels: int, before: bool
 ) -> tuple[Double, Double]:
-    """Mean and variance of each channel over all ``n`` positions, ``weights`` (M,) of which each canvas row stands for."""
+    """Mean and variance of each channel over all ``n`` positions.
+
+    A row of the canvas stands for as many of them as ``weights`` (M,) says.
+    """
     low = _least(before, channels)
     own, squares = _moments(x, _tiled(low, x), channels)
     mean = own * (len(x) // channels)

@@ -52,7 +52,9 @@ def _compiled(
     if not norm.training:
         return _by_statistics(norm, canvas, rows, relu)
     if n == 1:
-        raise ValueError(f"one value a channel has no statistics to train with: {tuple(rows.shape)}")
+        raise ValueError(
+            f"one value a channel has no statistics to train with: {tuple(rows.shape)}"
+        )
     canvas, rows, mean, var = _Normalise.apply(  # type: ignore[no-untyped-call]
         canvas, rows, weights, n, norm.weight, norm.bias, norm.eps, relu
     )
@@ -156,10 +158,7 @@ def _in_torch(norm: Norm, x: Map, relu: Relu) -> Any:
     """The same by torch's operations, on any device."""
     if relu == "before":
         x = rectified(x)
-    if isinstance(x, Tensor):
-        x = _BatchNorm.forward(norm, x)
-    else:
-        x = _map_in_torch(norm, x)
+    x = _BatchNorm.forward(norm, x) if isinstance(x, Tensor) else _map_in_torch(norm, x)
     return rectified(x) if relu == "behind" else x
 
 

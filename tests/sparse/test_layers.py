@@ -303,6 +303,28 @@ def test_a_map_of_one_layer_is_convolved_in_two_dimensions_to_the_same() -> None
     assert not ours.weight.grad[:, :, [0, 2]].any()  # they see nothing but padding
 
 
+@pytest.mark.parametrize(
+    ("kernel", "stride", "padding"), [(5, 2, 2), (3, (1, 2, 2), (1, 1, 0)), (4, 2, (1, 0, 2))]
+)
+def test_neighbours_are_taken_in_pairs_to_the_same(
+    kernel: int, stride: object, padding: object
+) -> None:
+    torch.manual_seed(0)
+    ours = layers.Conv3d(8, 3, kernel, stride, padding).double()
+    theirs = nn.Conv3d(8, 3, kernel, stride, padding).double()  # type: ignore[arg-type]
+    theirs.load_state_dict(ours.state_dict())
+    x = torch.randn(2, 8, 6, 9, 12, dtype=torch.float64)
+    last = x.contiguous(memory_format=torch.channels_last_3d).requires_grad_()
+    assert ours._fills_half_a_vector(last)
+    plain = x.clone().requires_grad_()
+    outs = [ours(last), theirs(plain)]
+    torch.testing.assert_close(*outs, rtol=1e-12, atol=1e-12)
+    for out in outs:
+        out.pow(3).sum().backward()
+    torch.testing.assert_close(last.grad, plain.grad, rtol=1e-10, atol=1e-10)
+    torch.testing.assert_close(ours.weight.grad, theirs.weight.grad, rtol=1e-10, atol=1e-10)
+
+
 @pytest.mark.parametrize(("n_rows", "fill"), [(0, 0.0), (1, 1.0), (700, 0.5), (2000, 0.02)])
 def test_sums_in_blocks_are_those_of_each_class(n_rows: int, fill: float) -> None:
     """What CUDA does instead of a sum for each class: classes of no row, of one, and of many blocks."""
