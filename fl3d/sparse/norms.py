@@ -34,8 +34,9 @@ def normalise(norm: Norm, x: Map, relu: Relu = "none") -> Any:
         the same kind.
     """
     rows = x if isinstance(x, Tensor) else x.rows
-    is_taught = norm.training or torch.is_grad_enabled()
-    if rows.device.type != "cpu" or not rows.numel() or (is_taught and not norm.training):
+    is_frozen = torch.is_grad_enabled() and not norm.training
+    is_elsewhere = rows.device.type != "cpu" or torch.compiler.is_compiling()
+    if is_elsewhere or is_frozen or not rows.numel():
         return _in_torch(norm, x, relu)
     if isinstance(x, Tensor):
         own = x.to(norm.weight.dtype)
@@ -45,7 +46,6 @@ def normalise(norm: Norm, x: Map, relu: Relu = "none") -> Any:
     return BackgroundMap(canvas, rows, x.layout)
 
 
-@torch.compiler.disable
 def _compiled(
     norm: Norm, canvas: Tensor, rows: Tensor, weights: Tensor, n: int, relu: Relu
 ) -> tuple[Tensor, Tensor]:
@@ -158,7 +158,11 @@ def _in_torch(norm: Norm, x: Map, relu: Relu) -> Any:
     """The same by torch's operations, on any device."""
     if relu == "before":
         x = rectified(x)
-    x = _BatchNorm.forward(norm, x) if isinstance(x, Tensor) else _map_in_torch(norm, x)
+    x = (
+        _BatchNorm.forward(norm, x.contiguous())
+        if isinstance(x, Tensor)
+        else _map_in_torch(norm, x)
+    )
     return rectified(x) if relu == "behind" else x
 
 
