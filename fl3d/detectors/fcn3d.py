@@ -62,6 +62,7 @@ class FCN3D(Detector):
         compute: ``sparse`` or ``dense``: the same function, and the same weights, at different speed.
     """
 
+    VERSION = 2
     NAME = "3D-FCN"
     STAGES = ("warmup", "focal", "scratch")
     DENSE = ("body", "obj", "cor")

@@ -59,7 +59,7 @@ class VoxelNet(Detector):
         compute: ``sparse``, up to where maps are nearly dense, or ``dense``: the same function, and the same weights.
     """
 
-    VERSION = 2
+    VERSION = 3
     NAME = "VoxelNet"
     STAGES = ("warmup", "focal", "scratch")
     DENSE = ("middle", "rpn")
