@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from fl3d.core.errors import ConfigError, options
+from fl3d.sparse.background import laid_out
 from fl3d.sparse.layers import ReLU
+from fl3d.sparse.norms import Map
 
 COMPUTE = ("sparse", "dense")
 ORDERS = ("conv_relu_norm", "conv_norm_relu")
+
+
+class _Block(nn.Sequential):
+    """A convolution, then ReLU and normalisation in one pass."""
+
+    def forward(self, x: Map) -> Any:
+        """What the three make of it one after the other."""
+        conv, *rest = self
+        norm_is_last = isinstance(rest[0], ReLU)
+        return rest[norm_is_last](conv(x), relu="before" if norm_is_last else "behind")
 
 
 def conv_block(conv: nn.Module, norm: nn.Module, order: str) -> nn.Sequential:
@@ -25,7 +39,7 @@ def conv_block(conv: nn.Module, norm: nn.Module, order: str) -> nn.Sequential:
     if order not in ORDERS:
         raise ConfigError(f"detector.norm_order: no order '{order}'. {options(order, ORDERS)}")
     after = [ReLU(), norm] if order == "conv_relu_norm" else [norm, ReLU()]
-    return nn.Sequential(conv, *after)
+    return _Block(conv, *after)
 
 
 def init_he(network: nn.Module) -> None:
@@ -73,9 +87,7 @@ def scatter_dense(values: Tensor, cells: Tensor, shape: tuple[int, ...]) -> Tens
         flat = flat * shape[axis] + cells[:, axis]
     size = int(np.prod(shape))
     dense = values.new_zeros(size, values.shape[1]).index_copy(0, flat, values)
-    # Contiguous: on channels-last maps that are nearly constant, torch's CPU batch normalisation loses three digits. (A
-    # grid of one channel is contiguous in both orders; torch continues with channels last, twice as fast.)
-    return dense.view(*shape, -1).movedim(-1, 1).contiguous()
+    return laid_out(dense.view(*shape, -1))
 
 
 def join(arrays: list[NDArray[np.generic]]) -> Tensor:

@@ -66,6 +66,7 @@ class FCN3D(Detector):
         per_class: of a class ``min_points``, where it is not that of ``targets``.
     """
 
+    VERSION = 2
     NAME = "3D-FCN"
     STAGES = ("warmup", "focal", "scratch")
     DENSE = ("body", "obj", "cor")

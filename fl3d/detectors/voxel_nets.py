@@ -9,21 +9,16 @@ import torch
 from torch import Tensor, nn
 
 from fl3d.detectors.blocks import conv_block
+from fl3d.detectors.runs_of_rows import beside_largest, largest
 from fl3d.sparse.background import dense_bev
 from fl3d.sparse.functions import unlowered
-from fl3d.sparse.layers import BatchNorm2d, Conv2d, ConvTranspose2d, Map, lay_out
+from fl3d.sparse.layers import BatchNorm1d, BatchNorm2d, Conv2d, ConvTranspose2d, lay_out
 from fl3d.sparse.layout import Layout
+from fl3d.sparse.norms import Map
 
 N_FEATURES = 7  # x, y, z, reflectance, and x, y, z minus the mean of the voxel's points
 BLOCK_LAYERS = (4, 6, 6)  # convolutions in the three blocks of the RPN
 UPSAMPLE = ((3, 1), (2, 2), (4, 4))  # kernel and stride of the three deconvolutions
-
-
-def max_per_voxel(rows: Tensor, lengths: Tensor) -> Tensor:
-    """Elementwise maximum of consecutive rows: (P, C), (V,) with sum P -> (V, C)."""
-    if rows.is_meta:
-        return rows.new_empty(lengths.shape[0], rows.shape[1])
-    return torch.segment_reduce(rows, "max", lengths=lengths, axis=0, unsafe=True)
 
 
 class FullyConnected(nn.Module):
@@ -32,11 +27,12 @@ class FullyConnected(nn.Module):
     def __init__(self, c_in: int, c_out: int) -> None:
         super().__init__()
         self.linear = nn.Linear(c_in, c_out)
-        self.norm = nn.BatchNorm1d(c_out)
+        self.norm = BatchNorm1d(c_out)
 
     def forward(self, rows: Tensor) -> Tensor:
         """(P, c_in) -> (P, c_out)."""
-        return torch.relu(self.norm(self.linear(rows)))
+        out: Tensor = self.norm(self.linear(rows), relu="behind")
+        return out
 
 
 class FeatureNet(nn.Module):
@@ -65,14 +61,10 @@ class FeatureNet(nn.Module):
             (V, out).
         """
         for layer in (self.vfe_1, self.vfe_2):
-            own = layer(rows)
-            voxel = max_per_voxel(own, lengths).repeat_interleave(
-                lengths, dim=0, output_size=len(rows)
-            )
-            rows = torch.cat([own, voxel], dim=1)
+            rows = beside_largest(layer(rows), lengths)
             if mask is not None:
                 rows = rows * mask
-        return max_per_voxel(self.fc(rows), lengths)
+        return largest(self.fc(rows), lengths)
 
 
 class Pointwise(nn.Conv2d):
@@ -83,10 +75,8 @@ class Pointwise(nn.Conv2d):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) -> (B, C', H, W)."""
-        assert self.bias is not None
-        return (self.weight.flatten(1) @ x.flatten(2) + self.bias[:, None]).view(
-            len(x), -1, *x.shape[2:]
-        )
+        rows = nn.functional.linear(x.movedim(1, -1), self.weight.flatten(1), self.bias)
+        return rows.movedim(-1, 1)
 
 
 class RPN(nn.Module):

@@ -64,7 +64,7 @@ class VoxelNet(Detector):
         per_class: of classes other than cars ``anchors``, with ``size`` and ``z`` at least, and ``min_points``.
     """
 
-    VERSION = 2
+    VERSION = 3
     NAME = "VoxelNet"
     STAGES = ("warmup", "focal", "scratch")
     DENSE = ("middle", "rpn")

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from fl3d.core.memory import keep_freed_memory
 from fl3d.inference.precision import set_precision
 
 
@@ -17,6 +18,7 @@ def prepare(seed: int, device: str, precision: str = "float32") -> None:
     set_precision(precision)
     if device == "cpu":
         torch.set_num_threads(1)
+        keep_freed_memory()
     else:
         os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.use_deterministic_algorithms(True, warn_only=device != "cpu")

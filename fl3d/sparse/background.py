@@ -64,42 +64,44 @@ def dense_bev(x: Tensor | BackgroundMap) -> Tensor:
 
 
 class _Dense(torch.autograd.Function):
-    """Fill the background, then write the active rows."""
+    """Fill the background, then write the active rows; on a CPU channels last."""
 
     @staticmethod
     def forward(ctx, canvas: Tensor, rows: Tensor, layout: Layout) -> Tensor:  # type: ignore[no-untyped-def]
         ctx.layout = layout
-        filled = canvas.t().contiguous().index_select(1, layout.grid.flatten())
-        filled = filled.expand(layout.batch, -1, -1).contiguous()
-        for sample, (start, end) in enumerate(_spans(layout.sample_offsets)):
-            filled[sample].index_copy_(1, layout.flat[start:end], rows[start:end].t())
-        return filled.view(layout.batch, canvas.shape[1], *layout.shape)
+        filled = canvas.index_select(0, layout.grid.flatten()).repeat(layout.batch, 1)
+        with each_row_once(filled):
+            filled.index_copy_(0, layout.places, rows)
+        return laid_out(filled.view(layout.batch, *layout.shape, -1))
 
     @staticmethod
     def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, None]:  # type: ignore[no-untyped-def]
         layout: Layout = ctx.layout
-        flat = grad.reshape(layout.batch, grad.shape[1], -1)
-        rows = grad.new_empty(len(layout.sites), grad.shape[1])
-        rest = torch.zeros(())
-        for sample, (start, end) in enumerate(_spans(layout.sample_offsets)):
-            places = layout.flat[start:end]
-            rows[start:end] = flat[sample].index_select(1, places).t()
-            own = flat[sample].index_fill(
-                1, places, 0
-            )  # what the active sites received is not the background's
-            rest = own if sample == 0 else rest.add_(own)
-        return _sum_classes(rest.view(-1, *layout.shape), layout), rows, None
+        flat = grad.movedim(1, -1).flatten(0, 3)
+        rows = flat.index_select(0, layout.places)
+        # What the active sites received is not the background's.
+        rest = flat.index_fill(0, layout.places, 0).view(layout.batch, *layout.shape, -1)
+        return _sum_classes(rest.sum(0), layout), rows, None
+
+
+def laid_out(x: Tensor) -> Tensor:
+    """(B, ..., C) as (B, C, ...): channels last in memory on a CPU, and contiguous elsewhere.
+
+    Convolutions of few channels take two thirds of the time so (``benchmarks/README.md``).
+    """
+    moved = x.movedim(-1, 1)
+    return moved if x.device.type == "cpu" else moved.contiguous()
 
 
 def _sum_classes(values: Tensor, layout: Layout) -> Tensor:
-    """Sum (C, Z, Y, X) over the positions of each class: (M, C)."""
+    """Sum (Z, Y, X, C) over the positions of each class: (M, C)."""
     for axis, (classes, n) in enumerate(zip(layout.classes, layout.n_classes, strict=True)):
         parts = []
         for k in range(n):
             places = torch.nonzero(classes == k).flatten()
-            parts.append(values.index_select(axis + 1, places).sum(axis + 1, keepdim=True))
-        values = torch.cat(parts, dim=axis + 1)
-    return values.flatten(1).t().contiguous()
+            parts.append(values.index_select(axis, places).sum(axis, keepdim=True))
+        values = torch.cat(parts, dim=axis)
+    return values.flatten(0, 2)
 
 
 def _spans(offsets: list[int]) -> list[tuple[int, int]]:

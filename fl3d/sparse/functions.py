@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from fl3d.sparse.layout import Rulebook
+from fl3d.sparse.taps import add_taps, tap_gradients
 
 
 def unlowered(x: Tensor) -> AbstractContextManager[None]:
@@ -36,6 +37,11 @@ def each_row_once(x: Tensor) -> Iterator[None]:
         torch.use_deterministic_algorithms(True, warn_only=warn_only)
 
 
+def is_narrow(rows: Tensor) -> bool:
+    """Whether rows are single numbers, whose products are too few for a call of each tap."""
+    return rows.shape[1] == 1 and rows.device.type == "cpu" and rows.dtype != torch.bfloat16
+
+
 class TapConvolution(torch.autograd.Function):
     """Tap by tap: gather rows, multiply, add. Within a tap no row comes twice, so the order of sums is fixed.
 
@@ -51,6 +57,9 @@ class TapConvolution(torch.autograd.Function):
             rows, weight = rows.to(low), weight.to(low)
         ctx.save_for_backward(rows, weight)
         out = below.clone()
+        if is_narrow(rows):
+            add_taps(out.numpy(), rows.numpy(), weight.contiguous().numpy(), *rules.arrays)
+            return out
         with each_row_once(out):
             for tap, (start, end) in enumerate(pairwise(rules.offsets)):
                 if end > start:
@@ -69,6 +78,10 @@ class TapConvolution(torch.autograd.Function):
             for t, dtype in zip((rows, weight), ctx.dtypes, strict=True)
         )
         low = grad.to(rows.dtype)
+        if is_narrow(rows):
+            numbers = low.contiguous().numpy(), rows.numpy(), weight.contiguous().numpy()
+            tap_gradients(*numbers, *rules.arrays, to_rows.numpy(), to_weight.numpy())
+            return to_rows, to_weight, grad, None
         with each_row_once(to_rows):
             for tap, (start, end) in enumerate(pairwise(rules.offsets)):
                 if end > start:

@@ -8,13 +8,14 @@ import torch
 from torch import Tensor, nn
 
 from fl3d.sparse.background import BackgroundMap, TakeCanvas
-from fl3d.sparse.functions import TapConvolution, WeightedNorm, unlowered
+from fl3d.sparse.functions import TapConvolution, unlowered
 from fl3d.sparse.layout import Geometry, Layout, Rulebook, Triple
+from fl3d.sparse.norms import Map, Relu, normalise, rectified
 from fl3d.sparse.rulebook import find_rulebook
 
-Map = Tensor | BackgroundMap
 # A pair of rows costs the sparse convolution its products, and as much as so many more for moving it about.
 MOVING = 3500
+MOVING_ONE = 250  # of rows of one channel
 DENSE_FROM = (
     0.6  # cost of the sparse convolution over the dense one's, from which on the map becomes dense
 )
@@ -60,7 +61,8 @@ class SparseConvolution:
 
     def is_dense(self, layout: Layout) -> bool:
         """Whether the dense convolution would be faster; the share of pairs is about that of active positions."""
-        return layout.fill * (1 + MOVING / (self.in_channels * self.out_channels)) > DENSE_FROM
+        moving = MOVING_ONE if self.in_channels == 1 else MOVING
+        return layout.fill * (1 + moving / (self.in_channels * self.out_channels)) > DENSE_FROM
 
     def on_map(self, x: BackgroundMap) -> Map:
         """The convolution of a map: a map, or where it is dense a tensor."""
@@ -112,7 +114,37 @@ class Conv3d(SparseConvolution, nn.Conv3d):
         """(B, C, Z, Y, X), or a map of that shape -> the same kind; a map with many active rows becomes dense."""
         if not isinstance(x, Tensor):
             return self.on_map(x)
+        _, (stride, *_), (padding, *_) = self.geometry_of_tensor()
+        if x.shape[2] == 1 == (1 + 2 * padding - self.kernel_size[0]) // stride + 1:
+            return self._flat(x, padding)
+        if self._fills_half_a_vector(x):
+            return self._paired(x)
         return self._turned(x) if self.stride[2] == 1 and is_misjudged(x) else super().forward(x)
+
+    def _flat(self, x: Tensor, tap: int) -> Tensor:
+        """The same of a map of one layer, which meets one tap along z; the others see nothing but padding."""
+        _, stride, padding = self.geometry_of_tensor()
+        weight = self.weight[:, :, tap]
+        flat = nn.functional.conv2d(x.squeeze(2), weight, self.bias, stride[1:], padding[1:])
+        return flat.unsqueeze(2)
+
+    def _fills_half_a_vector(self, x: Tensor) -> bool:
+        """Whether the backward pass, which takes sixteen channels at once, would compute as many zeros on a CPU."""
+        return (
+            x.device.type == "cpu"
+            and 1 < self.in_channels <= PAIRED_TO
+            and self.stride[2] == 2
+            and self.geometry_of_tensor()[2][2] % 2 == x.shape[4] % 2 == 0
+            and x.is_contiguous(memory_format=torch.channels_last_3d)
+        )
+
+    def _paired(self, x: Tensor) -> Tensor:
+        """The same of neighbours along x as one position of twice the channels, which a stride of 2 steps over."""
+        (_, (sz, sy, _), (pz, py, px)) = self.geometry_of_tensor()
+        pairs = torch.unflatten(x.movedim(1, -1), 3, (-1, 2)).flatten(4).movedim(-1, 1)
+        weight = nn.functional.pad(self.weight, (0, self.kernel_size[2] % 2))
+        weight = torch.unflatten(weight, 4, (-1, 2)).permute(0, 5, 1, 2, 3, 4).flatten(1, 2)
+        return nn.functional.conv3d(pairs, weight, self.bias, (sz, sy, 1), (pz, py, px // 2))
 
     def _turned(self, x: Tensor) -> Tensor:
         """The same with z as the last axis."""
@@ -120,9 +152,10 @@ class Conv3d(SparseConvolution, nn.Conv3d):
         turned = nn.functional.conv3d(
             x.permute(ZYX_TO_YXZ), weight, self.bias, _roll(stride), _roll(padding)
         )
-        return turned.permute(YXZ_TO_ZYX).contiguous()
+        return turned.permute(YXZ_TO_ZYX).contiguous(memory_format=torch.channels_last_3d)
 
 
+PAIRED_TO = 8  # channels: benchmarks/README.md
 ZYX_TO_YXZ, YXZ_TO_ZYX = (0, 1, 3, 4, 2), (0, 1, 4, 2, 3)
 SMALL = 20480  # values in B x C x Z x Y, up to which torch takes its slow convolution, five times slower at stride 1
 
@@ -196,49 +229,28 @@ class ReLU(nn.Module):
 
     def forward(self, x: Map) -> Any:
         """Any shape -> the same."""
-        if isinstance(x, Tensor):
-            return torch.relu(x)
-        return BackgroundMap(torch.relu(x.canvas), torch.relu(x.rows), x.layout)
+        return rectified(x)
 
 
 class BatchNorm3d(nn.BatchNorm3d):
     """``torch.nn.BatchNorm3d`` on tensors or background maps; its statistics are over all positions."""
 
-    def forward(self, x: Map) -> Any:
-        """(B, C, Z, Y, X), or a map of that shape -> the same kind."""
-        return super().forward(x) if isinstance(x, Tensor) else normalise(self, x)
+    def forward(self, x: Map, relu: Relu = "none") -> Any:
+        """(B, C, Z, Y, X), or a map of that shape -> the same kind; with the ReLU before or behind."""
+        return normalise(self, x, relu)
 
 
 class BatchNorm2d(nn.BatchNorm2d):
     """``torch.nn.BatchNorm2d`` on tensors or background maps of one layer."""
 
-    def forward(self, x: Map) -> Any:
-        """(B, C, Y, X), or a map (B, C, 1, Y, X) -> the same kind."""
-        return super().forward(x) if isinstance(x, Tensor) else normalise(self, x)
+    def forward(self, x: Map, relu: Relu = "none") -> Any:
+        """(B, C, Y, X), or a map (B, C, 1, Y, X) -> the same kind; with the ReLU before or behind."""
+        return normalise(self, x, relu)
 
 
-def normalise(norm: nn.BatchNorm2d | nn.BatchNorm3d, x: BackgroundMap) -> BackgroundMap:
-    """Batch normalisation of a map, with the module's parameters and running statistics."""
-    assert norm.running_mean is not None
-    assert norm.running_var is not None
-    if not norm.training:
-        scale = norm.weight * torch.rsqrt(norm.running_var + norm.eps)
-        shift = norm.bias - norm.running_mean * scale
-        return BackgroundMap(x.canvas * scale + shift, x.rows * scale + shift, x.layout)
-    n = x.layout.positions
-    canvas, rows, mean, var = WeightedNorm.apply(  # type: ignore[no-untyped-call]
-        x.canvas,
-        x.rows,
-        x.layout.weights.to(x.rows.dtype),
-        float(n),
-        norm.weight,
-        norm.bias,
-        norm.eps,
-    )
-    assert norm.num_batches_tracked is not None
-    assert norm.momentum is not None
-    with torch.no_grad():
-        norm.num_batches_tracked.add_(1)
-        norm.running_mean.lerp_(mean, norm.momentum)
-        norm.running_var.lerp_(var * (n / max(1, n - 1)), norm.momentum)
-    return BackgroundMap(canvas, rows, x.layout)
+class BatchNorm1d(nn.BatchNorm1d):
+    """``torch.nn.BatchNorm1d`` of rows."""
+
+    def forward(self, x: Tensor, relu: Relu = "none") -> Any:
+        """(N, C) -> (N, C); with the ReLU before or behind."""
+        return normalise(self, x, relu)

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 Triple = tuple[int, int, int]
@@ -121,17 +123,11 @@ class Layout:
         return (cz[:, None, None] * ny + cy[None, :, None]) * nx + cx
 
     @cached_property
-    def flat(self) -> Tensor:
-        """(N,) place of each active row among all positions of its sample."""
-        _, ny, nx = self.shape
-        _, z, y, x = self.sites.unbind(1)
-        return (z * ny + y) * nx + x
-
-    @cached_property
-    def sample_offsets(self) -> list[int]:
-        """Where the rows of each sample begin, and the end."""
-        counts = torch.bincount(self.sites[:, 0], minlength=self.batch)
-        return [0, *counts.cumsum(0).tolist()]
+    def places(self) -> Tensor:
+        """(N,) place of each active row among all positions of all samples."""
+        nz, ny, nx = self.shape
+        b, z, y, x = self.sites.unbind(1)
+        return ((b * nz + z) * ny + y) * nx + x
 
 
 @dataclass(frozen=True)
@@ -151,6 +147,11 @@ class Rulebook:
     rows_out: Tensor
     offsets: list[int]
     patches: Tensor
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.int64], ...]:
+        """Rows of all pairs and their offsets, on the CPU."""
+        return self.rows_in.numpy(), self.rows_out.numpy(), np.array(self.offsets)
 
 
 Form = tuple[Any, ...]  # what a packed layout is made of: batch, lengths, and for each rule its own

@@ -76,6 +76,11 @@ def test_a_way_that_does_not_exist_is_refused(name: str) -> None:
         build(name, "spares")
 
 
-def test_where_most_of_a_grid_is_full_no_rulebook_is_made(simulated: Path) -> None:
-    """3D-FCN of profile quick has so few channels that moving rows costs more than all its products."""
+def test_a_layer_is_sparse_where_its_channels_and_the_grids_fill_make_it_pay(
+    simulated: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 3D-FCN in profile quick the first, of one channel; behind it moving rows costs more than all products."""
+    (rule,) = batch_of(build("fcn3d", "sparse"), simulated)["layout"].rules.values()
+    assert not rule.target.rules
+    monkeypatch.setattr(layers, "DENSE_FROM", 0.0)
     assert "layout" not in batch_of(build("fcn3d", "sparse"), simulated)

@@ -12,7 +12,8 @@ from fl3d.config.compose import compose_config
 from fl3d.core.errors import ConfigError
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.anchors import Anchors, decode_boxes, encode_boxes
-from fl3d.detectors.voxel_nets import FeatureNet, max_per_voxel
+from fl3d.detectors.runs_of_rows import beside_largest, largest
+from fl3d.detectors.voxel_nets import FeatureNet
 from fl3d.detectors.voxelnet import VoxelNet
 from fl3d.geometry.boxes import rectangles_velo, standup
 from fl3d.geometry.iou import bev_iou, image_iou
@@ -138,7 +139,27 @@ def test_codes_are_the_published_ones() -> None:
 
 def test_the_voxel_maximum_is_over_its_own_points() -> None:
     rows = torch.tensor([[1.0, 5.0], [3.0, 2.0], [-1.0, -2.0]])
-    assert max_per_voxel(rows, torch.tensor([2, 1])).tolist() == [[3, 5], [-1, -2]]
+    assert largest(rows, torch.tensor([2, 1])).tolist() == [[3, 5], [-1, -2]]
+
+
+@pytest.mark.parametrize("way", ["alone", "beside"])
+def test_maxima_and_their_gradients_are_those_of_torch(way: str) -> None:
+    torch.manual_seed(0)
+    lengths = torch.tensor([3, 1, 7, 2])
+    rows = torch.randn(13, 5, dtype=torch.float64).round(decimals=1)
+    rows[6] = rows[5]  # the same point twice
+    ours, theirs = rows.clone().requires_grad_(), rows.clone().requires_grad_()
+    maxima = torch.segment_reduce(theirs, "max", lengths=lengths, axis=0)
+    if way == "alone":
+        found, expected = largest(ours, lengths), maxima
+    else:
+        found = beside_largest(ours, lengths)
+        expected = torch.cat([theirs, maxima.repeat_interleave(lengths, dim=0)], dim=1)
+    assert torch.equal(found, expected)
+    grad = torch.randn_like(expected)
+    found.backward(grad)
+    expected.backward(grad)
+    torch.testing.assert_close(ours.grad, theirs.grad, rtol=1e-14, atol=1e-14)
 
 
 def test_the_order_of_points_in_a_voxel_does_not_matter() -> None:

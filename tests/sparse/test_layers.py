@@ -125,7 +125,6 @@ def compare(
     again = values.detach().clone().requires_grad_()
     expected = dense(scatter(values, cells, shape, batch))
     found = through(sparse, again, cells, shape, batch)
-    assert found.is_contiguous()
     assert (found - expected).abs().max() <= loose * FORWARD * max(
         1.0, float(expected.detach().abs().max())
     )
@@ -192,7 +191,7 @@ def test_tensors_go_through_dense_and_the_states_have_the_same_keys() -> None:
     dense, sparse = pair(config, norm_first=True)
     assert list(dense.state_dict()) == list(sparse.state_dict())
     x = torch.randn(2, 2, *shape, dtype=torch.float64)
-    assert torch.equal(dense(x), sparse(x))
+    torch.testing.assert_close(dense(x), sparse(x), rtol=FORWARD, atol=FORWARD)
 
 
 def test_the_same_bits_each_time_whatever_the_order_of_the_voxels() -> None:
@@ -283,10 +282,47 @@ def test_a_single_small_grid_takes_another_way_to_the_same(
     assert layers.is_misjudged(x)
     found, expected = ours(x), theirs(x)
     torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
-    assert found.is_contiguous()
+    assert found.is_contiguous(memory_format=torch.channels_last_3d)
     for grad in (found, expected):
         grad.square().sum().backward()
     torch.testing.assert_close(ours.weight.grad, theirs.weight.grad, rtol=1e-3, atol=1e-2)
+
+
+def test_a_map_of_one_layer_is_convolved_in_two_dimensions_to_the_same() -> None:
+    torch.manual_seed(0)
+    ours = layers.Conv3d(4, 5, 3, (2, 1, 1), 1).double()
+    theirs = nn.Conv3d(4, 5, 3, (2, 1, 1), 1).double()
+    theirs.load_state_dict(ours.state_dict())
+    x = torch.randn(2, 4, 1, 9, 7, dtype=torch.float64)
+    outs = [ours(x), theirs(x)]
+    torch.testing.assert_close(*outs, rtol=1e-12, atol=1e-12)
+    for out in outs:
+        out.pow(3).sum().backward()
+    torch.testing.assert_close(ours.weight.grad, theirs.weight.grad, rtol=1e-11, atol=1e-11)
+    assert ours.weight.grad is not None
+    assert not ours.weight.grad[:, :, [0, 2]].any()  # they see nothing but padding
+
+
+@pytest.mark.parametrize(
+    ("kernel", "stride", "padding"), [(5, 2, 2), (3, (1, 2, 2), (1, 1, 0)), (4, 2, (1, 0, 2))]
+)
+def test_neighbours_are_taken_in_pairs_to_the_same(
+    kernel: int, stride: object, padding: object
+) -> None:
+    torch.manual_seed(0)
+    ours = layers.Conv3d(8, 3, kernel, stride, padding).double()
+    theirs = nn.Conv3d(8, 3, kernel, stride, padding).double()  # type: ignore[arg-type]
+    theirs.load_state_dict(ours.state_dict())
+    x = torch.randn(2, 8, 6, 9, 12, dtype=torch.float64)
+    last = x.contiguous(memory_format=torch.channels_last_3d).requires_grad_()
+    assert ours._fills_half_a_vector(last)
+    plain = x.clone().requires_grad_()
+    outs = [ours(last), theirs(plain)]
+    torch.testing.assert_close(*outs, rtol=1e-12, atol=1e-12)
+    for out in outs:
+        out.pow(3).sum().backward()
+    torch.testing.assert_close(last.grad, plain.grad, rtol=1e-10, atol=1e-10)
+    torch.testing.assert_close(ours.weight.grad, theirs.weight.grad, rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.parametrize(("n_rows", "fill"), [(0, 0.0), (1, 1.0), (700, 0.5), (2000, 0.02)])

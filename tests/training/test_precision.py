@@ -151,8 +151,8 @@ def test_each_dense_part_is_compiled_whole(
         return plain(function, backend=count, **options)  # type: ignore[call-overload]
 
     monkeypatch.setattr(torch, "compile", counted)
-    detector = build(name, "detector.compute=dense")
-    compiled = build(name, "detector.compute=dense")
+    detector = build(name, "detector.compute=dense").double()
+    compiled = build(name, "detector.compute=dense").double()
     compiled.compile_dense()
     batch = batch_of(detector, simulated)
     with torch.no_grad():
