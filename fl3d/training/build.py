@@ -29,7 +29,9 @@ def build_optimizer(config: Config, detector: Detector) -> torch.optim.Optimizer
     parameters = [parameter for parameter in detector.parameters() if parameter.requires_grad]
     optimizer: torch.optim.Optimizer = build(config["optimizer"], "optimizer", params=parameters)
     for group in optimizer.param_groups:
-        if "foreach" in group and group["foreach"] is None:  # all parameters in few calls; the same bits
+        if (
+            "foreach" in group and group["foreach"] is None
+        ):  # all parameters in few calls; the same bits
             group["foreach"] = True
     return optimizer
 
