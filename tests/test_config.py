@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 
 from fl3d import commands
 from fl3d.cli import COMMANDS, TRAIN
 from fl3d.config.compose import CONF, compose_config, multirun
-from fl3d.config.objects import build
+from fl3d.config.objects import build, locate
 from fl3d.core.errors import ConfigError
+from fl3d.core.typed import check_types
 from fl3d.evaluation.protocol import Protocol
 from fl3d.inference.load import build_detector
 from fl3d.training.build import build_optimizer
@@ -195,3 +197,15 @@ def test_a_path_that_hydra_does_not_read_is_told_how_to_be_typed(path: str) -> N
         compose_config([f"data.root={path}"])
     (word,) = shlex.split(str(raised.value).partition("quote it twice: ")[2])
     assert compose_config([word])["data"]["root"] == path
+
+
+@pytest.mark.parametrize(
+    "path", sorted((CONF / "hydra" / "launcher").glob("*.yaml")), ids=lambda path: path.stem
+)
+def test_every_launchers_own_values_fit_its_class(path: Path) -> None:
+    """Also of those that need a package or a service that is not here: SLURM's empty list was refused."""
+    section = OmegaConf.to_container(OmegaConf.load(path), resolve=False)
+    assert isinstance(section, dict)
+    kind = locate(section.pop("_target_"), "hydra.launcher._target_")
+    plain = {key: value for key, value in section.items() if "${" not in str(value)}
+    check_types(kind, plain, "hydra.launcher")

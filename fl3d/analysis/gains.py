@@ -33,8 +33,8 @@ def gains(samples: Samples, baseline: str) -> pd.DataFrame:
     """AP and gain of every level, metric and difficulty, with 95 % intervals, each for itself.
 
     Args:
-        samples: see ``samples.resample_sweep``. Groups without the baseline are left out, and so are seeds that it
-            lacks.
+        samples: see ``contributions.Contributions.samples``. Groups without the baseline are left out, and so are seeds
+            that it lacks.
         baseline: level that the others are held against.
 
     Returns:

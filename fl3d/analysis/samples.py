@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from fl3d.data.classes import CARS
 from fl3d.evaluation.average_precision import Comparison
-from fl3d.evaluation.bootstrap import N_RESAMPLES, resampled_aps, unit_weights, widened
+from fl3d.evaluation.bootstrap import resampled_aps, unit_weights, widened
 from fl3d.evaluation.intervals import Interval, Sample, lasting_share
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
 from fl3d.runs.finished import FinishedSweep
@@ -63,43 +62,20 @@ def compare_sweep(sweep: FinishedSweep, rule: str = "last") -> Comparisons:
     }
 
 
-def resample_sweep(
-    compared: Comparisons,
-    units: NDArray[np.int64] | None = None,
-    n_resamples: int = N_RESAMPLES,
-    classes: Sequence[str] = CARS,
-) -> Samples:
-    """APs of all checkpoints in the same resamples of the frames.
-
-    Args:
-        compared: see ``compare_sweep``.
-        units: (F,) what each frame is drawn with; None: each frame by itself.
-        n_resamples: how many.
-        classes: whose mean AP it is.
-    """
-    count = sum(len(by_seed) for levels in compared.values() for by_seed in levels.values())
-    with tqdm(total=count, desc="resampling", unit="trial", leave=False, disable=None) as bar:
-
-        def resampled(comparison: Comparison) -> Resampled:
-            bar.update()
-            return resample(comparison, units, n_resamples, classes)
-
-        return {
-            group: {
-                level: {seed: resampled(one) for seed, one in by_seed.items()}
-                for level, by_seed in levels.items()
-            }
-            for group, levels in compared.items()
-        }
-
-
 def resample(
     comparison: Comparison,
     units: NDArray[np.int64] | None,
     n_resamples: int,
     classes: Sequence[str] = CARS,
 ) -> Resampled:
-    """APs of one checkpoint, see ``resample_sweep``."""
+    """APs of one checkpoint in resamples of the frames, which are the same for all checkpoints.
+
+    Args:
+        comparison: its detections held against the labels.
+        units: (F,) what each frame is drawn with; None: each frame by itself.
+        n_resamples: how many.
+        classes: whose mean AP it is.
+    """
     has = comparison.protocol.metrics
     none = (np.full(len(AVERAGES), np.nan), np.full((n_resamples, len(AVERAGES)), np.nan))
     found = [

@@ -130,7 +130,10 @@ def _inner(hint: Any, value: Any) -> Sequence[Any] | None:
         return None
     if origin is tuple and inner[-1] is not Ellipsis:
         return inner
-    return [inner[0]] * max(1, len(value) if isinstance(value, list | tuple) else 1)
+    fewest = (
+        0 if origin is list else 1
+    )  # a sequence that nobody may leave empty is told as Sequence or tuple
+    return [inner[0]] * max(fewest, len(value) if isinstance(value, list | tuple) else 1)
 
 
 def _is_no_plain(hint: Any) -> bool:

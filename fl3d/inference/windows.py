@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -77,8 +78,8 @@ def make_windows(sweep: FinishedSweep, places: Sequence[Place]) -> None:
         DataError: the frames are not there.
     """
     for (folder, step), found in zip(places, _run(sweep, places), strict=True):
-        arrays = _as_arrays(found)
-        kept(folder.kept(step, "windows"), _made_of(sweep, folder, step), lambda a=arrays: a)  # type: ignore[misc]
+        made = partial(_as_arrays, found)
+        kept(folder.kept(step, "windows"), _made_of(sweep, folder, step), made)
 
 
 def missing_windows(sweep: FinishedSweep, places: Sequence[Place]) -> list[list[Place]]:

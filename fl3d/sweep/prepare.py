@@ -70,8 +70,12 @@ def prepare_data(data: DataSettings) -> PreparedData:
     folder = data.folder(root)
     train = subset(folder.split(data.train_split), data.train_frames, data.seed)
     val = subset(folder.split(data.val_split), data.val_frames, data.seed)
-    if not train or not val:
-        raise DataError("a split without frames cannot be used", root / "ImageSets")
+    for key, name, frames in (
+        ("train_split", data.train_split, train),
+        ("val_split", data.val_split, val),
+    ):
+        if not frames:
+            raise DataError(f"names no frame, and is data.{key}", folder.split_path(name))
     whole = digest([folder.digest(train), folder.digest(val)])[:16]
     return PreparedData(
         root=root,

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from fl3d.analysis.samples import Comparisons, Samples, resample
 from fl3d.core.records import Checkpoint, Stage, Trial
 from fl3d.data.kitti import KittiFolder
+from fl3d.evaluation.bootstrap import N_RESAMPLES
 from fl3d.evaluation.detections import (
     Detections,
     read_detections,
@@ -176,3 +179,16 @@ def found_cars(kitti: KittiFolder, ids: tuple[str, ...], noise: float, seed: int
         frames.append(np.full(len(own), place))
     found = np.concatenate(boxes)
     return Detections(ids, np.concatenate(frames), found, rng.uniform(0.9, 1.0, len(found)))
+
+
+def resample_sweep(
+    compared: Comparisons, units: NDArray[np.int64] | None = None, n_resamples: int = N_RESAMPLES
+) -> Samples:
+    """APs of all checkpoints in the same resamples of the frames, made here and now."""
+    return {
+        group: {
+            level: {seed: resample(one, units, n_resamples) for seed, one in by_seed.items()}
+            for level, by_seed in levels.items()
+        }
+        for group, levels in compared.items()
+    }

@@ -11,11 +11,11 @@ from fl3d.analysis import ahead
 from fl3d.analysis.ahead import contribution_jobs, make_ahead
 from fl3d.analysis.contributions import CELL, CUTS, Contributions, above_cut
 from fl3d.analysis.rescore import rescore
-from fl3d.analysis.samples import compare_sweep, resample_sweep
+from fl3d.analysis.samples import compare_sweep
 from fl3d.core.errors import DataError
 from fl3d.evaluation.detections import Detections, compare_stored, read_validation, write_detections
 from fl3d.runs.finished import FinishedSweep
-from tests.analysis.making import detected_sweep, found_cars
+from tests.analysis.making import detected_sweep, found_cars, resample_sweep
 from tests.support import small_sweep
 
 POINTS = [(f"loss.gamma={gamma}", f"seed={seed}") for gamma in (0, 2) for seed in (0, 1)]

@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 
 from fl3d.analysis.gains import R11_STEP, gains, is_one_step, recalls, without_baseline
-from fl3d.analysis.samples import CELLS, Comparisons, Resampled, compare_sweep, resample_sweep
+from fl3d.analysis.samples import CELLS, Comparisons, Resampled, compare_sweep
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.evaluation.average_precision import Comparison
 from fl3d.reports.levels import gains_tables, levels_table
 from fl3d.reports.render import to_markdown
 from fl3d.runs.finished import FinishedSweep, levels_of
-from tests.analysis.making import detected_sweep, without
+from tests.analysis.making import detected_sweep, resample_sweep, without
 from tests.evaluation.test_average_precision import EMPTY, frame, thing
 from tests.evaluation.test_bootstrap import comparison, scene
 from tests.papers.making import Made, aps, finished_sweep

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from fl3d.analysis.samples import AVERAGES, CELLS, Comparisons, Resampled, paired, resample_sweep
+from fl3d.analysis.samples import AVERAGES, CELLS, Comparisons, Resampled, paired
 from fl3d.evaluation.bootstrap import resampled_aps, unit_weights, widened
+from tests.analysis.making import resample_sweep
 from tests.evaluation.test_bootstrap import comparison, scene
 
 N_FRAMES = 60

@@ -1,5 +1,6 @@
 """Reading and writing KITTI, real and broken."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,6 +38,18 @@ def test_the_same_frames_split_elsewhere_are_other_data(simulated: Path) -> None
     data = read_settings(compose_config([f"data.root={simulated}", *words])).data
     turned = replace(data, train_split=data.val_split, val_split=data.train_split)
     assert prepare_data(turned).digest != prepare_data(data).digest
+
+
+def test_a_split_without_frames_is_named_with_its_key(simulated: Path, tmp_path: Path) -> None:
+    from fl3d.config.settings import read_settings
+    from fl3d.sweep.prepare import prepare_data
+
+    shutil.copytree(simulated / "ImageSets", tmp_path / "ImageSets")
+    (tmp_path / "training").symlink_to(simulated / "training")
+    (tmp_path / "ImageSets/train.txt").write_text("")
+    data = read_settings(compose_config([f"data.root={tmp_path}", "data.generate=false"])).data
+    with pytest.raises(DataError, match=r"train\.txt: names no frame, and is data\.train_split"):
+        prepare_data(data)
 
 
 @pytest.mark.parametrize(

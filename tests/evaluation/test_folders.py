@@ -45,6 +45,7 @@ def test_frames_with_a_file_count_empty_ones_too_others_not(folders: tuple[Path,
     ("name", "variant", "car", "person"),
     [
         ("paper", "A", [0.7, 0.5, 0.5], [0.5, 0.25, 0.25]),
+        ("paper_sure", "A", [0.7, 0.5, 0.5], [0.5, 0.25, 0.25]),
         ("paper_strict", "A", [0.7, 0.7, 0.7], [0.5, 0.5, 0.5]),
         ("report", "A", [0.7, 0.7, 0.7], [0.5, 0.5, 0.5]),
         ("kitti", "B", [0.7, 0.7, 0.7], [0.5, 0.5, 0.5]),
@@ -62,7 +63,7 @@ def test_the_named_protocols(
 
 def test_there_are_no_other_protocols_untested() -> None:
     assert {p.stem for p in (CONF / "protocol").glob("*.yaml")} == {
-        *("paper", "paper_strict", "kitti", "kitti_loose", "report", "lidar")
+        *("paper", "paper_sure", "paper_strict", "kitti", "kitti_loose", "report", "lidar")
     }
 
 
