@@ -41,6 +41,7 @@ SWEEPS = {
     "loss_form": 3,
     "gamma_pointrcnn": 3,
     "gamma_fconvnet": 3,
+    "gamma_pedestrian": 3,
     "pointrcnn_default": 1,
     "pointrcnn_batch": 1,
     "pointrcnn_alpha": 1,
