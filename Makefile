@@ -1,10 +1,10 @@
 # fl3d: `make help` lists what there is. Everything runs in .venv, which is made at first use.
-# Options: DATA=simulated|simulated_people|kitti_sample|kitti  KITTI=folder  PROFILE=quick|tiny|standard|paper  SEEDS=5  ARGS="any Hydra overrides"
+# Options: DATA=simulated|simulated_people|kitti_sample|kitti (else the sweep's own, most often simulated)  KITTI=folder  PROFILE=quick|tiny|standard|paper  SEEDS=5  ARGS="any Hydra overrides"
 # PIP_ARGS goes to pip, such as --find-links FOLDER for a torch wheel of your own (the usual one brings CUDA along).
 
 PYTHON ?= python3
 PROFILE ?= quick
-DATA ?= simulated
+DATA ?=
 KITTI ?=
 FRAMES ?=
 SEEDS ?=
@@ -12,7 +12,7 @@ SWEEP ?= gamma
 ARGS ?=
 PIP_ARGS ?=
 BIN := .venv/bin
-OVERRIDES = data=$(DATA) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(if $(SEEDS),seeds=$(SEEDS)) $(ARGS)
+OVERRIDES = $(if $(DATA),data=$(DATA)) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(if $(SEEDS),seeds=$(SEEDS)) $(ARGS)
 
 export OMP_NUM_THREADS := 1
 

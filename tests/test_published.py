@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from fl3d.commands.publish import SWEEPS, stamped, words_of
+from fl3d.commands.publish import SWEEPS, by_folder, stamped, words_of
 from fl3d.commands.words import PUBLISHED, read_words
 from fl3d.config.compose import CONF
 from fl3d.config.objects import build
@@ -42,6 +42,16 @@ def test_published_trials_are_those_that_the_code_plans_today(file: Path, tmp_pa
     assert [trial.key for trial in read_plan(file).trials] == [
         trial.key for trial in planned.trials
     ]
+
+
+def test_a_sweep_is_published_with_those_on_the_same_data() -> None:
+    """A folder is emptied before: that of one kind of data must not be taken for another's."""
+    names = ["gamma", "gamma_pedestrian", "loss_form"]
+    own, people = by_folder(names, [f"results={PUBLISHED}"]).items()
+    assert own == (PUBLISHED / "simulated-quick", ["gamma", "loss_form"])
+    assert people == (PUBLISHED / "simulated_people-quick", ["gamma_pedestrian"])
+    on_kitti = by_folder(names, [f"results={PUBLISHED}", "data=kitti"])
+    assert on_kitti == {PUBLISHED / "kitti-quick": names}
 
 
 def test_what_is_committed_stays_small() -> None:

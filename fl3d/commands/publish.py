@@ -41,6 +41,7 @@ SWEEPS = {
     "loss_form": 3,
     "gamma_pointrcnn": 3,
     "gamma_fconvnet": 3,
+    "gamma_pedestrian": 3,
     "pointrcnn_default": 1,
     "pointrcnn_batch": 1,
     "pointrcnn_alpha": 1,
@@ -57,6 +58,8 @@ STAMP = "stamp.json"
 
 def run(arguments: list[str]) -> None:
     """Make results/DATA-PROFILE anew: train or reuse every published sweep, tabulate, draw, and stamp the folder.
+
+    A sweep whose file names its data (people's) has its own folder, unless data=... is given for all.
 
     Only this command writes there; everybody's own runs write to out/. What is committed stays small: no page, and
     figures as PNG with their data alone.
@@ -79,14 +82,24 @@ def run(arguments: list[str]) -> None:
             "publish: there are uncommitted changes; commit them first, for the stamp names the commit"
         )
     words = [*given.overrides, f"results={PUBLISHED}"]
-    folder = read_words(words).settings.results_folder
-    for part in ("scores", "tables", "figures"):
-        shutil.rmtree(folder / part, ignore_errors=True)
-    sweeps = [publish(name, words) for name in chosen]
-    for pdf in (folder / "figures").glob("*.pdf"):
-        pdf.unlink()  # drawn again by `fl3d figures`
-    write_text(folder / STAMP, json.dumps(stamp(sweeps, made_by), indent=1) + "\n")
-    print(f"Written to {folder}; {write_index(PUBLISHED)}.")
+    folders = by_folder(chosen, words)
+    for folder, names in folders.items():
+        for part in ("scores", "tables", "figures"):
+            shutil.rmtree(folder / part, ignore_errors=True)
+        sweeps = [publish(name, words) for name in names]
+        for pdf in (folder / "figures").glob("*.pdf"):
+            pdf.unlink()  # drawn again by `fl3d figures`
+        write_text(folder / STAMP, json.dumps(stamp(sweeps, made_by), indent=1) + "\n")
+    print(f"Written to {', '.join(map(str, folders))}; {write_index(PUBLISHED)}.")
+
+
+def by_folder(names: Sequence[str], words: Sequence[str]) -> dict[Path, list[str]]:
+    """Some sweeps by the results folder that each is published in, in their order."""
+    folders: dict[Path, list[str]] = {}
+    for name in names:
+        folder = read_words(words_of(name, words)).settings.results_folder
+        folders.setdefault(folder, []).append(name)
+    return folders
 
 
 def words_of(name: str, words: Sequence[str]) -> list[str]:
