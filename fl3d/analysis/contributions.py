@@ -57,7 +57,7 @@ class Contributions:
         """APs of all trials in the same resamples, by group, level and seed.
 
         Args:
-            rule: which checkpoint stands for a trial: ``last`` or ``best``.
+            rule: which checkpoint stands for a trial, see ``evaluation.selection.select``.
 
         Raises:
             StoreError: only its scores are here.
@@ -145,7 +145,7 @@ class Contributions:
 
         Args:
             trial: the trial.
-            rules: which of its checkpoints are resampled: ``last``, ``best``.
+            rules: by which its checkpoints are chosen that are resampled.
             curves: whether its curves and halves are wanted too.
         """
         for rule in rules:

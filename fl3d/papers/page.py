@@ -12,6 +12,7 @@ from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import Judged
 from fl3d.analysis.split_halves import HALVINGS, best_of_k_checkpoints
 from fl3d.core.files import write_text
+from fl3d.evaluation.selection import BEST_OF_LAST_STAGE
 from fl3d.papers.judged_views import tables_of_verdicts
 from fl3d.papers.registry import PAPERS, papers_of
 from fl3d.papers.results import (
@@ -144,10 +145,9 @@ def _halves(made: Contributions) -> tuple[Table, list[Path]]:
     table = halves_table(
         sweep.scores,
         sweep.select("last"),
-        sweep.select("best"),
+        sweep.select(BEST_OF_LAST_STAGE),
         made.halves(),
         levels,
-        sweep.settings.best_among,
         notes,
     )
     path = sweep.settings.results_folder / "figures" / f"best_of_k_{sweep.name}"

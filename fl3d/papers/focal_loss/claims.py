@@ -12,6 +12,12 @@ from fl3d.evaluation.intervals import Sample
 from fl3d.inference.windows import Windows, windows_of
 from fl3d.papers.base import with_values
 from fl3d.papers.focal_loss.best_model_claims import best_claim, step_claims
+from fl3d.papers.focal_loss.best_models import (
+    BEST_MODELS,
+    BEST_OWN_MODELS,
+    best_pairs,
+    improvements,
+)
 from fl3d.papers.focal_loss.claim import Claim, claims_table
 from fl3d.papers.focal_loss.concentration_claims import Carried, carried, concentration_claims
 from fl3d.papers.focal_loss.gain_claims import Gains, GainsByAverage, gain_claims
@@ -24,7 +30,7 @@ from fl3d.papers.focal_loss.posterior_claims import (
     peak_claim,
     peak_of,
 )
-from fl3d.papers.focal_loss.tables import GAMMA, best_pairs, gamma_of, is_over_gamma
+from fl3d.papers.focal_loss.tables import GAMMA, gamma_of, is_over_gamma
 from fl3d.reports.table import AP_COLUMNS, Table
 from fl3d.runs.finished import FinishedSweep
 
@@ -51,7 +57,8 @@ def claims_of(sweep: FinishedSweep, judged: Judged | None) -> Table | None:
     claims = gain_claims(gains, sweep.plan.looks)
     order = differences(models.get("VoxelNet", {}), models.get("3D-FCN", {}))
     claims.append(order_claim(order, sweep.plan.looks))
-    claims += [best_claim(best_pairs(sweep)), *step_claims()]
+    improved = [improvements(sweep, table) for table in (BEST_MODELS, BEST_OWN_MODELS)]
+    claims += [best_claim(*improved), *step_claims()]
     claims += [_half_of_loss(sweep)]
     claims += concentration_claims(_carried(sweep, "3D-FCN"), _carried(sweep, "VoxelNet"))
     claims += [*_peaks(sweep), *network_claims(sweep)]
@@ -120,13 +127,16 @@ def _carried(sweep: FinishedSweep, detector: str) -> list[Carried]:
 
 
 def _best_focal(sweep: FinishedSweep, detector: str) -> tuple[float, Iterator[Windows]]:
-    """Gamma of a detector's best focal model, and the windows of each of its seeds; none where there is none."""
-    pairs = best_pairs(sweep)
+    """Gamma of a detector's best focal model, and the windows of each of its seeds; none where there is none.
+
+    It is the best of the last stage, which the focal loss trained.
+    """
+    pairs = best_pairs(sweep, BEST_OWN_MODELS)
     pairs = pairs[(pairs["detector"] == detector) & (pairs["gamma"] > 0)] if len(pairs) else pairs
     if pairs.empty:
         return 0.0, iter(())
     gamma = float(pairs.iloc[0]["gamma"])
-    chosen = with_values(sweep, sweep.select("best"), {"gamma": GAMMA})
+    chosen = with_values(sweep, sweep.select(BEST_OWN_MODELS.rule), {"gamma": GAMMA})
     chosen = chosen[(chosen["detector"] == detector) & (chosen["gamma"].astype(float) == gamma)]
     return gamma, (
         windows_of(sweep, sweep.trial(str(key)).holder(int(step)), int(step))

@@ -17,7 +17,8 @@ from fl3d.detectors.fcn3d import FCN3D
 from fl3d.inference.load import build_detector
 from fl3d.inference.windows import Place, windows_of
 from fl3d.papers.base import with_values
-from fl3d.papers.focal_loss.tables import GAMMA, LAST_TABLES, best_pairs, gamma_of, is_over_gamma
+from fl3d.papers.focal_loss.best_models import BEST_OWN_MODELS, best_pairs
+from fl3d.papers.focal_loss.tables import GAMMA, LAST_TABLES, gamma_of, is_over_gamma
 from fl3d.papers.focal_loss.window_figures import figure_4, figure_5, imbalance_by_height
 from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models
@@ -29,14 +30,14 @@ from fl3d.runs.spec import read_spec
 
 FULL_GRID = ("detector=fcn3d", "profile=paper")
 COUNTED = 1000  # training frames over which positives by height are counted
-FIRST_SEED = "Models of the first seed of training that each γ has."
+OF_LAST_STAGE = "Best models of the last stage, of the first seed of training that each γ has."
 CAPTIONS = {
     "figure_1_3dfcn": "Figure 1. 3D-FCN: BCE above, focal loss below; ground truth purple, estimates blue. "
-    f"{FIRST_SEED}",
+    f"{OF_LAST_STAGE}",
     "figure_1_voxelnet": "Figure 1. VoxelNet: BCE above, focal loss below; ground truth purple, estimates blue. "
-    f"{FIRST_SEED}",
+    f"{OF_LAST_STAGE}",
     "figure_4": "Figure 4. Cumulative normalised loss of the best focal models' windows, under each γ. "
-    f"{FIRST_SEED}",
+    f"{OF_LAST_STAGE}",
     "figure_5": "Figure 5. Posterior probability of positive windows, last models; of each γ the windows of all its "
     "seeds of training, pooled.",
     "imbalance_by_height": "Positive windows of 3D-FCN by height, and how many negatives stand against each (§III-B); "
@@ -79,7 +80,7 @@ def _is_drawn(sweep: FinishedSweep) -> bool:
 def _windows(sweep: FinishedSweep) -> list[Place]:
     """Checkpoints whose windows are looked at: all last ones, and the best focal models of all seeds."""
     places = [(trial.folder, trial.last_step) for trial in sweep.trials]
-    chosen = with_values(sweep, sweep.select("best"), {"gamma": GAMMA})
+    chosen = with_values(sweep, sweep.select(BEST_OWN_MODELS.rule), {"gamma": GAMMA})
     for detector, _, _, gamma in _best(sweep):
         is_own = (chosen["detector"] == detector) & (chosen["gamma"].astype(float) == gamma)
         own = chosen[is_own] if gamma > 0 else chosen[:0]
@@ -100,7 +101,7 @@ def _posteriors(sweep: FinishedSweep, folder: Path) -> list[Path]:
 
 
 def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
-    """Figure 4, of the best focal models (Table IV, rows 2 and 4), their first seed."""
+    """Figure 4, of the best focal models (Table IV, rows 2 and 4; of the last stage), their first seed."""
     sampled = {}
     for detector, trial, step, gamma in _best(sweep):
         if gamma > 0:
@@ -111,11 +112,14 @@ def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
 
 
 def _best(sweep: FinishedSweep) -> list[tuple[str, str, int, float]]:
-    """Detector, trial, step and gamma of the models of Table IV; of several seeds the first."""
-    chosen = with_values(sweep, sweep.select("best"), {"gamma": GAMMA})
+    """Detector, trial, step and gamma of the best models of the last stage; of several seeds the first.
+
+    Those of Table IV may be older than the focal loss that their row names.
+    """
+    chosen = with_values(sweep, sweep.select(BEST_OWN_MODELS.rule), {"gamma": GAMMA})
     chosen = chosen.assign(gamma=chosen["gamma"].astype(float))
     found = []
-    for _, pair in best_pairs(sweep).iterrows():
+    for _, pair in best_pairs(sweep, BEST_OWN_MODELS).iterrows():
         same = chosen[(chosen["detector"] == pair["detector"]) & (chosen["gamma"] == pair["gamma"])]
         first = same.sort_values("seed").iloc[0]
         found.append(
