@@ -44,7 +44,7 @@ PURE = (
     "fl3d.evaluation.selection",
     "fl3d.papers.beside",
     "fl3d.papers.focal_loss.best_model_claims",
-    "fl3d.papers.focal_loss.claim",
+    "fl3d.papers.claim",
     "fl3d.papers.focal_loss.gain_claims",
     "fl3d.papers.focal_loss.posterior_claims",
     "fl3d.reports",

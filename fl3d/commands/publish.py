@@ -39,6 +39,7 @@ from fl3d.training.trainer import VERSION as TRAINER_VERSION
 SWEEPS = {
     "gamma": 5,
     "loss_form": 3,
+    "from_scratch": 3,
     "gamma_pointrcnn": 3,
     "gamma_fconvnet": 3,
     "gamma_pedestrian": 3,

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from fl3d.analysis.ahead import Job
+from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import Judged
 from fl3d.core.errors import ConfigError
 from fl3d.reports.table import Table
@@ -103,8 +104,7 @@ class Paper:
         draw: figures of a sweep into a folder; every file written. None: it has none.
         jobs: what its figures and claims need that takes long and can be made ahead, of the sweep at a place, see
             ``analysis.ahead``; None: nothing.
-        claims: sentences of it that state a number, beside what a sweep gives and what it has found (None where that
-            cannot be told); None: none are kept, or none are about such a sweep.
+        claims: sentences of it beside what some sweeps give; None: none are kept, or none are about such sweeps.
         captions: of figures, by their files' names without ending.
     """
 
@@ -113,7 +113,7 @@ class Paper:
     still: Callable[[], list[Table]] = list
     draw: Callable[[FinishedSweep, Path], list[Path]] | None = None
     jobs: Callable[[int, FinishedSweep], Iterable[Job]] | None = None
-    claims: Callable[[FinishedSweep, Judged | None], Table | None] | None = None
+    claims: Callable[[Sequence[Contributions]], Table | None] | None = None
     captions: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -14,7 +14,8 @@ from fl3d.analysis.split_halves import HALVINGS, best_of_k_checkpoints
 from fl3d.core.files import write_text
 from fl3d.evaluation.selection import BEST_OF_LAST_STAGE
 from fl3d.papers.judged_views import tables_of_verdicts
-from fl3d.papers.registry import PAPERS, papers_of
+from fl3d.papers.page_claims import claims_of_papers
+from fl3d.papers.registry import PAPERS
 from fl3d.papers.results import (
     Say,
     draw_curves,
@@ -74,7 +75,7 @@ def write_page(
     found: list[str] = []
     tables: list[str] = []
     pictures: list[Path] = []
-    main_judged: Judged | None = None
+    of_sweeps = {main.name: contributions}
     for sweep in (part for one in sweeps for part in (one, *one.each_class())):
         made, _ = write_sweep(sweep, feeding(sweep, words, published), _quiet(say))
         own = contributions if sweep is main else Contributions(sweep)
@@ -83,17 +84,15 @@ def write_page(
         tables += _tables(made, views)
         question = None if sweep is main else _question(sweep)
         found += _found(sweep, judged, question)
-        if sweep is main:
-            main_judged = judged
+        if sweep.class_name is None:
+            of_sweeps[sweep.name] = own
         if sweep is main or sweep.class_name is not None:
             pictures += draw_curves(sweep, own)
         pictures += draw_papers(sweep)
     halves, more = _halves(contributions)
     pictures += more
     folder = main.settings.results_folder
-    papers = papers_of(main.settings.sweep.tables)
-    drawn = [paper.claims(main, main_judged) for paper in papers if paper.claims is not None]
-    claims = [table for table in drawn if table is not None]
+    claims = claims_of_papers(of_sweeps, words, published)
     write_tables([*claims, halves], folder)
     still = write_still_tables(main)
     pngs = [path for path in pictures if path.suffix == ".png"]
@@ -101,7 +100,7 @@ def write_page(
         Section("Verdicts", tuple(found)),
         Section("Tables", tuple(tables)),
         Section("Figures", tuple(picture(path.read_bytes(), _caption(path)) for path in pngs)),
-        Section("Claims of the paper", tuple(to_html(table) for table in claims)),
+        Section("Claims of the papers", tuple(to_html(table) for table in claims)),
         Section("Last, best and honest best", (to_html(halves),)),
         Section("Networks", tuple(to_html(table) for table in still)),
         Section("Plan and provenance", _provenance(main, words)),

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import Judged
 from fl3d.core.errors import ConfigError
 from fl3d.papers.base import PaperTable
@@ -354,5 +355,5 @@ def test_a_sweep_of_loss_forms_has_no_figures_and_claims_over_gamma(tmp_path: Pa
     assert FOCAL_LOSS.draw is not None
     assert FOCAL_LOSS.claims is not None
     assert FOCAL_LOSS.draw(sweep, tmp_path) == []
-    assert FOCAL_LOSS.claims(sweep, None) is None
+    assert FOCAL_LOSS.claims([Contributions(sweep)]) is None
     assert list(tmp_path.iterdir()) == []

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from fl3d.papers.focal_loss.claim import Claim
+from fl3d.papers.claim import Claim
 from fl3d.papers.focal_loss.published_cells import published_table
 from fl3d.reports.table import AP_COLUMNS, is_better
 

@@ -1,11 +1,13 @@
-"""A sentence of the paper that states a number, and the table of them all. Pure."""
+"""A sentence of a document that states a number or an order, and the table of them all. Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fl3d.evaluation.intervals import Interval
+import numpy as np
+
+from fl3d.evaluation.intervals import Interval, Sample
 from fl3d.evaluation.verdicts import FEWEST
 from fl3d.reports.table import Cell, Column, Table
 from fl3d.reports.verdicts import ONE_SEED
@@ -22,8 +24,8 @@ class Claim:
     Args:
         where: section or table.
         text: of the claim, in our words.
-        printed: as the paper prints it.
-        recomputed: from the paper's own cells or networks; empty where that cannot be.
+        printed: as the document prints it.
+        recomputed: from the document's own cells or networks; empty where that cannot be.
         ours: from our store; empty where it holds nothing for it.
         verdict: of both.
     """
@@ -36,15 +38,31 @@ class Claim:
     verdict: str
 
 
-def claims_table(claims: Sequence[Claim], notes: tuple[str, ...] = ()) -> Table:
-    """All claims, a row each."""
+def claims_table(
+    claims: Sequence[Claim],
+    notes: tuple[str, ...] = (),
+    name: str = "claims",
+    caption: str = "Claims of the paper that state a number",
+) -> Table:
+    """All claims of a document, a row each.
+
+    Args:
+        claims: in the document's order.
+        notes: put below.
+        name: of the table's files.
+        caption: of the table.
+    """
     columns = tuple(Column(head.replace(" ", "_"), head) for head in HEADS)
     rows = []
     for claim in claims:
         texts = (claim.where, claim.text, claim.printed, claim.recomputed)
         rows.append(tuple(Cell(text or DASH) for text in (*texts, claim.ours, claim.verdict)))
-    caption = "Claims of the paper that state a number"
-    return Table("claims", caption, columns, tuple(rows), "", notes)
+    return Table(name, caption, columns, tuple(rows), "", notes)
+
+
+def over_seeds(values: Sequence[float]) -> Sample:
+    """A number of each seed, that frames are not resampled for."""
+    return Sample(np.array(values), np.array([np.mean(values)]))
 
 
 def too_few(n_seeds: int) -> str:
