@@ -16,7 +16,7 @@ FLOORS = [
     {"data", "losses", "sparse", "points"},
     {"detectors", "evaluation"},
     {"simulator", "config", "store", "reports"},
-    {"check"},
+    {"inspection"},
     {"runs"},
     {"inference"},
     {"training"},

@@ -12,9 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from fl3d.check.facts import Facts, gather
-from fl3d.check.summary import Checked, as_json, checked, overview
-from fl3d.check.wanted import wanted_by
 from fl3d.commands.words import parser
 from fl3d.config.compose import multirun
 from fl3d.config.objects import build
@@ -24,6 +21,9 @@ from fl3d.core.files import write_text
 from fl3d.core.records import Config
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.pictures import read_picture
+from fl3d.inspection.facts import Facts, gather
+from fl3d.inspection.summary import Checked, as_json, checked, overview
+from fl3d.inspection.wanted import wanted_by
 from fl3d.reports.figures.frame import draw_frame
 from fl3d.sweep.prepare import prepare_data
 
