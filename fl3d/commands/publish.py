@@ -11,11 +11,13 @@ from typing import Any
 from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import judge_sweep
 from fl3d.commands.train import train
-from fl3d.commands.words import PUBLISHED, open_words, parser, read_words
+from fl3d.commands.words import open_words, parser, read_words
 from fl3d.config.objects import build, locate
+from fl3d.config.places import PUBLISHED
 from fl3d.core.errors import ConfigError, StoreError, options
 from fl3d.core.files import write_text
 from fl3d.core.provenance import provenance
+from fl3d.core.shipped import is_checkout
 from fl3d.papers.index import write_index
 from fl3d.papers.results import (
     draw_curves,
@@ -73,6 +75,10 @@ def run(arguments: list[str]) -> None:
     for name in chosen:
         if name not in SWEEPS:
             raise ConfigError(f"--only {name}: {options(name, SWEEPS)}")
+    if not is_checkout():
+        raise ConfigError(
+            "publish: makes results/ of fl3d's repository anew, which is not here; your own tables are made by tables"
+        )
     made_by = provenance()
     if made_by.get("fl3d.dirty") == "true":
         raise ConfigError(

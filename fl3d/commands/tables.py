@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from fl3d.commands.words import HELP, PUBLISHED, names_sweep, open_words, parser, read_words
+from fl3d.commands.words import HELP, names_sweep, open_words, parser, read_words
 from fl3d.config.overrides import values_by_key
+from fl3d.config.places import PUBLISHED
 from fl3d.core.errors import StoreError
 from fl3d.papers.results import judge_or_say, write_still_tables, write_sweep, write_views
 from fl3d.papers.stored import feeding, place_words, stored_sweeps

@@ -12,14 +12,13 @@ from pathlib import Path
 import pandas as pd
 
 from fl3d.analysis.found import sweep_verdicts
-from fl3d.commands.words import PUBLISHED
 from fl3d.config.checks import check_overrides
 from fl3d.config.command_line import Line, read_line
 from fl3d.config.compose import resolve, section, task_words
 from fl3d.config.hydra_app import HYDRAS, for_hydra, hydra_says
 from fl3d.config.objects import build
 from fl3d.config.overrides import parse
-from fl3d.config.places import CONF, MAIN, own_folders
+from fl3d.config.places import CONF, MAIN, PUBLISHED, own_folders
 from fl3d.core import interrupts
 from fl3d.core.errors import (
     CheckpointError,

@@ -6,10 +6,11 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fl3d.config.compose import CONF, Multirun, multirun
+from fl3d.config.compose import Multirun, multirun
 from fl3d.config.hydra_app import for_hydra
 from fl3d.config.objects import locate
 from fl3d.config.overrides import is_interval, values_by_key
+from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import BY_HAND, Settings, read_settings
 from fl3d.core.errors import StoreError
 from fl3d.papers.stored import place_words
@@ -18,7 +19,6 @@ from fl3d.runs.design import SEED
 from fl3d.runs.finished import Asked, FinishedSweep, is_stored, open_sweep
 from fl3d.sweep.by_hand import named
 
-PUBLISHED = CONF.parent / "results"  # what the project publishes
 HELP = "as the sweep was started, such as +sweep=gamma data=kitti seeds=3"
 
 

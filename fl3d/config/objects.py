@@ -14,6 +14,7 @@ from hydra.errors import HydraException
 from hydra.utils import get_class, instantiate
 
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.extras import lacking
 from fl3d.core.records import Config
 from fl3d.core.typed import check_types
 
@@ -102,7 +103,9 @@ def locate(target: str, name: str) -> Any:
     try:
         return get_class(target)
     except Exception as error:
-        raise ConfigError(f"{name}: {' '.join(str(error).split())}") from None
+        why = lacking(error)
+        said = f"{target} {why}" if why else " ".join(str(error).split())
+        raise ConfigError(f"{name}: {said}") from None
 
 
 def make_importable(folders: Iterable[str]) -> None:
