@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from fl3d.api.words import read_words
 from fl3d.commands.publish import SWEEPS, stamped, words_of
-from fl3d.commands.words import read_words
 from fl3d.config.compose import CONF
 from fl3d.config.objects import build
 from fl3d.config.places import PUBLISHED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from fl3d.config.objects import make_importable
+from fl3d.config.modules import make_importable
 from fl3d.core.errors import ConfigError
 from fl3d.core.shipped import shipped
 

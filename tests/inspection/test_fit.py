@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fl3d.inspection.fit import _iou
-from tests.check.test_check import change_calibrations, change_labels, look, texts
+from tests.inspection.test_check import change_calibrations, change_labels, look, texts
 
 Row = list[str]
 
