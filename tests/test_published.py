@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from fl3d.api.words import read_words
 from fl3d.commands.publish import SWEEPS, by_folder, stamped, words_of
-from fl3d.commands.words import PUBLISHED, read_words
 from fl3d.config.compose import CONF
 from fl3d.config.objects import build
+from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import read_settings
 from fl3d.runs.plans import read_plan
 from fl3d.simulator import VERSION

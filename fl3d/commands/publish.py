@@ -10,12 +10,15 @@ from typing import Any
 
 from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import judge_sweep
-from fl3d.commands.train import train
-from fl3d.commands.words import PUBLISHED, open_words, parser, read_words
+from fl3d.api.training import train_sweep
+from fl3d.api.words import open_words, read_words
+from fl3d.commands.parsing import parser
 from fl3d.config.objects import build, locate
+from fl3d.config.places import PUBLISHED
 from fl3d.core.errors import ConfigError, StoreError, options
 from fl3d.core.files import write_text
 from fl3d.core.provenance import provenance
+from fl3d.core.shipped import is_checkout
 from fl3d.papers.index import write_index
 from fl3d.papers.results import (
     draw_curves,
@@ -31,7 +34,6 @@ from fl3d.runs.spec import read_spec
 from fl3d.simulator import VERSION as SIMULATOR_VERSION
 from fl3d.sweep.plan import KEY_VERSION
 from fl3d.sweep.prepare import prepare_data
-from fl3d.sweep.winners import with_winners
 from fl3d.training.trainer import VERSION as TRAINER_VERSION
 
 # Seeds of each sweep, in an order in which each greedy sweep comes after the one whose winner it keeps. Three are the
@@ -77,6 +79,10 @@ def run(arguments: list[str]) -> None:
     for name in chosen:
         if name not in SWEEPS:
             raise ConfigError(f"--only {name}: {options(name, SWEEPS)}")
+    if not is_checkout():
+        raise ConfigError(
+            "publish: makes results/ of fl3d's repository anew, which is not here; your own tables are made by tables"
+        )
     made_by = provenance()
     if made_by.get("fl3d.dirty") == "true":
         raise ConfigError(
@@ -117,11 +123,8 @@ def publish(name: str, words: Sequence[str]) -> FinishedSweep:
         StoreError: it could not be run to its end.
     """
     own = words_of(name, words)
-    multirun = with_winners(read_words(own).multirun)
-    sweeper = build(multirun.sweeper, "hydra.sweeper").proposer(
-        multirun.arguments, multirun.compose
-    )
-    train(sweeper, multirun.launcher, multirun.arguments)
+    asked = read_words(own).multirun
+    train_sweep(asked, build(asked.sweeper, "hydra.sweeper"))
     sweep = open_words(read_words(own))
     if len(sweep.trials) < len(sweep.plan.trials):
         done = f"{len(sweep.trials)} of {len(sweep.plan.trials)} trials"

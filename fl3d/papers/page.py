@@ -150,7 +150,7 @@ def _halves(made: Contributions) -> tuple[Table, list[Path]]:
         notes,
     )
     path = sweep.settings.results_folder / "figures" / f"best_of_k_{sweep.name}"
-    return table, best_of_k_figure(best_of_k_checkpoints(sweep.scores), levels, path)
+    return table, best_of_k_figure(best_of_k_checkpoints(sweep.scores), levels).write(path)
 
 
 def _caption(path: Path) -> str:
@@ -193,5 +193,5 @@ def _provenance(sweep: FinishedSweep, words: Sequence[str]) -> tuple[str, ...]:
         listing(sorted(made - {""})),
         paragraph(f"Protocol {sweep.protocol.id}: {json.dumps(asdict(sweep.protocol))}"),
         folded("Stages", preformatted("\n".join(sorted(stages)))),
-        link(ADDRESS, f"In MLflow (make ui): experiment {sweep.settings.stored_as}"),
+        link(ADDRESS, f"In MLflow (python -m fl3d ui): experiment {sweep.settings.stored_as}"),
     )

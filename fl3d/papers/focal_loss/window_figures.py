@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from fl3d.reports.figures.style import BLUE, ORANGE, draw_by_level, panels, write_data
+from fl3d.reports.figures.style import BLUE, ORANGE, Drawn, draw_by_level, panels
 from fl3d.reports.levels import Levels
 
 Array = NDArray[np.floating]
@@ -84,7 +84,7 @@ def figure_4(
         axes.set_xlabel(f"share of the {kind}, easiest first")
         axes.set_ylabel("cumulative normalised loss")
 
-    return [write_data(data, path), *panels(list(names), path, panel, 7, 2.6)]
+    return Drawn(panels(list(names), panel, 7, 2.6), data).write(path)
 
 
 def _levels(gammas: Iterable[float]) -> Levels:
@@ -128,7 +128,7 @@ def figure_5(posteriors: Mapping[tuple[str, float], Array], path: Path) -> list[
             yscale="log",
         )
 
-    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 4)]
+    return Drawn(panels(sorted(data["detector"].unique()), panel, 4), data).write(path)
 
 
 def imbalance_by_height(data: pd.DataFrame, path: Path) -> list[Path]:
@@ -157,4 +157,4 @@ def imbalance_by_height(data: pd.DataFrame, path: Path) -> list[Path]:
             axes.set_xlabel("negative windows for each positive")
         axes.set_ylabel("height of the window, LiDAR frame (m)")
 
-    return [write_data(data, path), *panels(["positives", "imbalance"], path, panel, 1)]
+    return Drawn(panels(["positives", "imbalance"], panel, 1), data).write(path)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fl3d.check.facts import gather, some_of
-from fl3d.check.finding import Severity
-from fl3d.check.summary import Checked, checked
-from fl3d.check.wanted import Wanted, wanted_by
 from fl3d.cli import main
 from fl3d.config.compose import compose_config
 from fl3d.config.settings import read_settings
 from fl3d.data.kitti import KittiFolder
+from fl3d.inspection.facts import gather, some_of
+from fl3d.inspection.finding import Severity
+from fl3d.inspection.summary import Checked, checked
+from fl3d.inspection.wanted import Wanted, wanted_by
 
 TRAIN = [f"{k:06d}" for k in range(6)]
 VAL = [f"{k:06d}" for k in range(6, 10)]

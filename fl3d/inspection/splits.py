@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import combinations
 
-from fl3d.check.facts import Facts
-from fl3d.check.finding import Finding, warning
+from fl3d.inspection.facts import Facts
+from fl3d.inspection.finding import Finding, warning
 
 
 def of_area(facts: Facts) -> Iterator[Finding]:

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.check.facts import Beside, Facts
-from fl3d.check.finding import Finding, warning
 from fl3d.data.projection import project_boxes
+from fl3d.inspection.facts import Beside, Facts
+from fl3d.inspection.finding import Finding, warning
 
 Boxes = NDArray[np.float64]
 

@@ -10,7 +10,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.check.wanted import Wanted
 from fl3d.core.errors import DataError
 from fl3d.data.calibration import Calibration
 from fl3d.data.kitti import KittiFolder
@@ -18,6 +17,7 @@ from fl3d.data.labels import Labels, check_sizes, labels_from_columns
 from fl3d.evaluation.detections import Validation
 from fl3d.evaluation.protocol import Protocol
 from fl3d.geometry.boxes import count_points_inside
+from fl3d.inspection.wanted import Wanted
 
 EVERY = (
     37  # of a cloud's points the place is told from; prime, so that no ring of a scanner is missed

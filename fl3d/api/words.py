@@ -1,15 +1,15 @@
-"""The words of a sweep: every command takes those that the sweep itself was started with."""
+"""The words of a sweep: whatever reads a sweep takes those that it was started with."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fl3d.config.compose import CONF, Multirun, multirun
+from fl3d.config.compose import Multirun, multirun
 from fl3d.config.hydra_app import for_hydra
 from fl3d.config.objects import locate
 from fl3d.config.overrides import is_interval, values_by_key
+from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import BY_HAND, Settings, read_settings
 from fl3d.core.errors import StoreError
 from fl3d.papers.stored import place_words
@@ -17,9 +17,6 @@ from fl3d.runs.by_hand import find_by_hand, has_by_hand, told
 from fl3d.runs.design import SEED
 from fl3d.runs.finished import Asked, FinishedSweep, is_stored, open_sweep
 from fl3d.sweep.by_hand import named
-
-PUBLISHED = CONF.parent / "results"  # what the project publishes
-HELP = "as the sweep was started, such as +sweep=gamma data=kitti seeds=3"
 
 
 @dataclass(frozen=True)
@@ -98,11 +95,6 @@ def or_gamma(words: Sequence[str], row: Sequence[str] = ()) -> list[str]:
         if has_by_hand(read.settings, ()) and not is_stored(gamma, PUBLISHED):
             return list(words)  # that none of those by hand fits is then told, with what there is
     return [*words, "+sweep=gamma"]
-
-
-def parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """An argument parser of a command."""
-    return argparse.ArgumentParser(prog=f"python -m fl3d {name}", description=description)
 
 
 def names_sweep(overrides: Sequence[str]) -> bool:

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from fl3d.check.calibrations import of_calibrations, of_pictures
-from fl3d.check.clouds import of_clouds, of_image_boxes
-from fl3d.check.facts import Facts
-from fl3d.check.finding import Finding, Severity, of_problems
-from fl3d.check.fit import of_fit
-from fl3d.check.labels import of_labels
-from fl3d.check.nothing import classes_of, counted, listed, of_nothing
-from fl3d.check.splits import of_area, of_splits
 from fl3d.core.errors import DataError
 from fl3d.evaluation.protocol import DIFFICULTIES
+from fl3d.inspection.calibrations import of_calibrations, of_pictures
+from fl3d.inspection.clouds import of_clouds, of_image_boxes
+from fl3d.inspection.facts import Facts
+from fl3d.inspection.finding import Finding, Severity, of_problems
+from fl3d.inspection.fit import of_fit
+from fl3d.inspection.labels import of_labels
+from fl3d.inspection.nothing import classes_of, counted, listed, of_nothing
+from fl3d.inspection.splits import of_area, of_splits
 
 
 @dataclass(frozen=True)

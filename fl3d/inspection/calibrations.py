@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fl3d.check.facts import Facts
-from fl3d.check.finding import Finding, warning
 from fl3d.data.calibration import Calibration
+from fl3d.inspection.facts import Facts
+from fl3d.inspection.finding import Finding, warning
 
 UPRIGHT = 0.85  # cosine; a camera that is tilted by more than 30 degrees
 AHEAD = 0.5  # cosine; a camera that looks more than 60 degrees away from the LiDAR's x

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fl3d.check.fit import _iou
-from tests.check.test_check import change_calibrations, change_labels, look, texts
+from fl3d.inspection.fit import _iou
+from tests.inspection.test_check import change_calibrations, change_labels, look, texts
 
 Row = list[str]
 

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.check.facts import Facts
-from fl3d.check.finding import Finding, warning
-from fl3d.check.wanted import Wanted
 from fl3d.data.labels import Labels
+from fl3d.inspection.facts import Facts
+from fl3d.inspection.finding import Finding, warning
+from fl3d.inspection.wanted import Wanted
 
 Mask = NDArray[np.bool_]
 UNSET = -10.0  # what KITTI writes where there is no angle

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from fl3d.check.facts import Cloud, Facts
-from fl3d.check.finding import Finding, warning
+from fl3d.inspection.facts import Cloud, Facts
+from fl3d.inspection.finding import Finding, warning
 
 FAR = 1000.0  # metres: no scanner reaches so far
 MILLIMETRES = (
