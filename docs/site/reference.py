@@ -31,10 +31,10 @@ GROUPS = {
     "detector": "a network, its loss and its optimiser",
     "loss": "put in place of the detector's loss",
     "schedule": "the stages of a trial",
-    "protocol": "what an AP stands for",
     "hydra/launcher": "where stages run",
     "hydra/sweeper": "which trials are asked for",
 }
+MEANINGS: dict[str, str] = {}  # by key, see ``collect_meanings``
 LINE = re.compile(r"^(?P<indent> *)(?P<key>[\w./]+):(?P<value>(?: [^#\n]*)?)(?:#\s*(?P<says>.*))?$")
 
 
@@ -71,11 +71,25 @@ def help_of(words: list[str]) -> str:
 
 def config() -> str:
     """Every key of every YAML file of the config: default, what it may be, meaning."""
+    collect_meanings()
     parts = ["## Every trial\n\n" + table(keys_of(CONF / "config.yaml"))]
     for group, what in GROUPS.items():
         parts.append(f"## {group}\n\n`{group}=NAME`: {what}.")
         parts += [option(group, path) for path in sorted((CONF / group).glob("*.yaml"))]
     return "\n\n".join(parts)
+
+
+def collect_meanings() -> None:
+    """What comments say of keys, for the files that have the same keys without a comment; the first one counts."""
+    files = [CONF / "config.yaml", *sorted(CONF.glob("*/*.yaml")), *sorted(CONF.glob("hydra/*/*.yaml"))]
+    for key in [key for path in files for key in keys_of(path)]:
+        if key.meaning:
+            MEANINGS.setdefault(general(key.name), key.meaning)
+
+
+def general(name: str) -> str:
+    """A key without the name of a stage."""
+    return re.sub(r"^schedule\.stages\.\w+\b", "schedule.stages.*", name)
 
 
 def option(group: str, path: Path) -> str:
@@ -95,7 +109,8 @@ def keys_of(path: Path) -> list[Key]:
     return [
         key
         for key in lines_of(text)
-        if not key.name.startswith(("defaults", "hydra.help", "hydra.run", "hydra.sweep."))
+        if not key.name.startswith(("defaults", "hydra.help", "hydra.run", "hydra.sweep.", "hydra.output_subdir"))
+        and key.name != "hydra.sweep"
         for key in [Key(root + key.name, key.value, key.meaning)]
     ]
 
@@ -126,6 +141,9 @@ def table(keys: list[Key]) -> str:
         if section in classes and name != "_target_":
             hint, told = by_class(classes[section], name)
             may_be, meaning = may_be or hint, meaning or told
+        if key.name.endswith("_target_"):
+            meaning = meaning or "the class that is built; another one may stand here"
+        meaning = meaning or MEANINGS.get(general(key.name), "")
         cells = (code(key.name), code(key.value), escaped(may_be), escaped(meaning))
         rows.append("| " + " | ".join(cells) + " |")
     return "\n".join(rows) if len(rows) > 2 else ""
