@@ -1,6 +1,8 @@
 """README.md and docs/: links lead somewhere, commands are fl3d's, the site has every page and every key."""
 
+import os
 import re
+import subprocess
 import sys
 from fnmatch import fnmatchcase
 from functools import cache
@@ -17,6 +19,11 @@ from tests.documented import ALL, PAGES, ROOT, Command
 sys.path.insert(0, str(ROOT / "docs" / "site"))
 reference = pytest.importorskip("reference")
 LINKING = (*PAGES, ROOT / "benchmarks" / "README.md", ROOT / "results" / "README.md")
+# Keys that every YAML writes in one line with the section above them, whose comment says what they are.
+PARTS_OF_A_SECTION = (
+    "schedule.epochs.*",
+    *(f"schedule.decay.{key}" for key in ("every", "factor", "lowest")),
+)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 OURS = [one for one in ALL if one.fl3d]
 
@@ -96,4 +103,16 @@ def test_every_key_has_a_row_with_a_meaning() -> None:
             assert any(fnmatchcase(key, rule) for key in told), rule
 
 
-PARTS_OF_A_SECTION = ("schedule.epochs.*", "schedule.decay.every", "schedule.decay.factor", "schedule.decay.lowest")
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning_and_needs_no_network(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=600
+    )
+    assert done.returncode == 0, done.stderr
+    pages = {path: path.read_text(encoding="utf-8") for path in tmp_path.rglob("*.html")}
+    assert tmp_path / "index.html" in pages
+    for path, text in pages.items():
+        assert "<!-- generated" not in text, path
+        assert not re.search(r"<(script|img|link)[^>]+(src|href)=\"?(https?:)?//", text), path

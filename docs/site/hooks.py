@@ -1,7 +1,8 @@
 """What the site is made of: pages lie where they lie in the repository, so that their links hold in both places.
 
-MkDocs looks for pages in one folder. Here it is given the README, `docs/`, and the other pages that these link to, with the
-pictures and files beside them. Reference pages have a mark, in place of which comes what ``reference`` makes of the code.
+MkDocs looks for pages in one folder. Here it is given the README, ``docs/``, and the other pages that these link to,
+with the pictures and files beside them. Reference pages have a mark, which gives way to what ``reference`` makes of the
+code.
 """
 
 from __future__ import annotations

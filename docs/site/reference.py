@@ -34,6 +34,15 @@ GROUPS = {
     "hydra/launcher": "where stages run",
     "hydra/sweeper": "which trials are asked for",
 }
+# Sections that a class is made of without a ``_target_``, whose docstring says what their keys mean.
+MADE_OF = {
+    "detector.anchors": "fl3d.detectors.anchors.Anchors",
+    "detector.rcnn": "fl3d.detectors.point_nets.Refinement",
+    "detector.rcnn.rois": "fl3d.detectors.rois.RoiRule",
+    "detector.slabs": "fl3d.points.slabs.Slabs",
+    "detector.refine.slabs": "fl3d.points.slabs.Slabs",
+    "loss": "fl3d.losses.DetectionLoss",
+}
 MEANINGS: dict[str, str] = {}  # by key, see ``collect_meanings``
 LINE = re.compile(r"^(?P<indent> *)(?P<key>[\w./]+):(?P<value>(?: [^#\n]*)?)(?:#\s*(?P<says>.*))?$")
 
@@ -81,7 +90,11 @@ def config() -> str:
 
 def collect_meanings() -> None:
     """What comments say of keys, for the files that have the same keys without a comment; the first one counts."""
-    files = [CONF / "config.yaml", *sorted(CONF.glob("*/*.yaml")), *sorted(CONF.glob("hydra/*/*.yaml"))]
+    files = [
+        CONF / "config.yaml",
+        *sorted(CONF.glob("*/*.yaml")),
+        *sorted(CONF.glob("hydra/*/*.yaml")),
+    ]
     for key in [key for path in files for key in keys_of(path)]:
         if key.meaning:
             MEANINGS.setdefault(general(key.name), key.meaning)
@@ -109,7 +122,9 @@ def keys_of(path: Path) -> list[Key]:
     return [
         key
         for key in lines_of(text)
-        if not key.name.startswith(("defaults", "hydra.help", "hydra.run", "hydra.sweep.", "hydra.output_subdir"))
+        if not key.name.startswith(
+            ("defaults", "hydra.help", "hydra.run", "hydra.sweep.", "hydra.output_subdir")
+        )
         and key.name != "hydra.sweep"
         for key in [Key(root + key.name, key.value, key.meaning)]
     ]
@@ -131,7 +146,11 @@ def lines_of(text: str) -> Iterator[Key]:
 
 def table(keys: list[Key]) -> str:
     """Keys as a table; sections have no row, but where their comment says something."""
-    classes = {key.name.removesuffix("._target_"): key.value for key in keys if key.name.endswith("._target_")}
+    classes = MADE_OF | {
+        key.name.removesuffix("._target_"): key.value
+        for key in keys
+        if key.name.endswith("._target_")
+    }
     rows = ["| key | default | may be | meaning |", "|---|---|---|---|"]
     for key in keys:
         if not key.value and not key.meaning:
@@ -144,6 +163,10 @@ def table(keys: list[Key]) -> str:
         if key.name.endswith("_target_"):
             meaning = meaning or "the class that is built; another one may stand here"
         meaning = meaning or MEANINGS.get(general(key.name), "")
+        if not meaning and key.name.startswith(
+            "detector.refine."
+        ):  # the second stage has the first's keys
+            meaning = by_class("fl3d.detectors.fconvnet.FConvNet", name)[1]
         cells = (code(key.name), code(key.value), escaped(may_be), escaped(meaning))
         rows.append("| " + " | ".join(cells) + " |")
     return "\n".join(rows) if len(rows) > 2 else ""
@@ -156,7 +179,9 @@ def by_rule(name: str) -> str:
     if section in rules:
         return rules[section][last].says if last in rules[section] else ""
     fitting = [
-        rule for key, rule in RULES.items() if key.count(".") == name.count(".") and fnmatchcase(name, key)
+        rule
+        for key, rule in RULES.items()
+        if key.count(".") == name.count(".") and fnmatchcase(name, key)
     ]
     return fitting[0].says.replace("any value", "") if fitting else ""
 
@@ -189,7 +214,9 @@ def protocols() -> str:
     keys = [key for key in found["paper"] if key != "name"]
     rows = ["| `protocol.` | " + " | ".join(names) + " |", "|---|" + "---|" * len(names)]
     for key in keys:
-        rows.append(f"| `{key}` | " + " | ".join(text_of(found[name].get(key)) for name in names) + " |")
+        rows.append(
+            f"| `{key}` | " + " | ".join(text_of(found[name].get(key)) for name in names) + " |"
+        )
     parts = [said_of(locate("fl3d.evaluation.protocol.Protocol", "docs"), key) for key in keys]
     meanings = [f"| `{key}` | {escaped(told)} |" for key, told in zip(keys, parts, strict=True)]
     return "\n".join(rows) + "\n\n| key | meaning |\n|---|---|\n" + "\n".join(meanings)
@@ -217,7 +244,9 @@ def api() -> str:
     for name in getattr(fl3d, "__all__", ()):
         thing = getattr(fl3d, name)
         if callable(thing):
-            parts.append(f"::: {thing.__module__}.{thing.__qualname__}\n    options:\n      heading_level: 2")
+            parts.append(
+                f"::: {thing.__module__}.{thing.__qualname__}\n    options:\n      heading_level: 2"
+            )
     return "\n\n".join(parts)
 
 
