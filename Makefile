@@ -70,7 +70,7 @@ ui: .venv/installed  ## browse every checkpoint in MLflow, on this machine alone
 
 docs: .venv/installed  ## build the site, which needs no network: site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
-	@echo "Written to site/index.html."
+	@echo "Written to site/index.html; with its search: python3 -m http.server --directory site"
 
 check: .venv/installed  ## lint, types, and that imports only go down
 	$(BIN)/ruff check .

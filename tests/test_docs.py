@@ -116,3 +116,13 @@ def test_the_site_builds_without_a_warning_and_needs_no_network(tmp_path: Path) 
     for path, text in pages.items():
         assert "<!-- generated" not in text, path
         assert not re.search(r"<(script|img|link)[^>]+(src|href)=\"?(https?:)?//", text), path
+
+
+def test_what_machines_check_is_make_check_and_make_test() -> None:
+    ci = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())
+    (job,) = ci["jobs"].values()
+    assert job["strategy"]["matrix"]["target"] == ["check", "test"]
+    assert [step["run"] for step in job["steps"] if "run" in step] == ["make ${{ matrix.target }}"]
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
+    assert [hook["entry"] for hook in hooks] == ["make check", "make test"]
+    assert {"check", "test"} <= set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M))

@@ -75,7 +75,8 @@ def help_of(words: list[str]) -> str:
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         main(words)
-    return printed.getvalue().replace("__main__.py", "fl3d").strip()
+    text, _, _ = printed.getvalue().partition("\n== Config")  # which has a page of its own
+    return text.strip()
 
 
 def config() -> str:
@@ -167,6 +168,7 @@ def table(keys: list[Key]) -> str:
             "detector.refine."
         ):  # the second stage has the first's keys
             meaning = by_class("fl3d.detectors.fconvnet.FConvNet", name)[1]
+        meaning = re.sub(r"^\| ", "also: ", meaning)  # the other choices, behind the default
         cells = (code(key.name), code(key.value), escaped(may_be), escaped(meaning))
         rows.append("| " + " | ".join(cells) + " |")
     return "\n".join(rows) if len(rows) > 2 else ""
