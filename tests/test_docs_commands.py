@@ -12,6 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.documented import ALL, ROOT, Command
@@ -24,7 +25,8 @@ STUDY = "hydra.sweeper.n_trials=2"
 # What a reader has, and what of it is too large: put in place of it before a command runs.
 INSTEAD = (
     (r"^(\.venv/bin/)?python -m fl3d", "fl3d"),
-    (r"/data/kitti|my/data|my/clouds|\bDATA\b|\bFOLDER\b", "kitti"),
+    (r"/data/kitti|my/data|\bDATA\b|\bFOLDER\b", "kitti"),
+    (r"my/clouds", "clouds"),
     (r"(?<=[ =])training/label_2|\bLABELS\b", "kitti/training/label_2"),
     (r"my/results|their/results|\bRESULTS\b|pointgnn/data", "theirs/0"),
     (r"=t0 ours=o0", "=theirs/0 ours=ours/0"),
@@ -41,16 +43,40 @@ OURS = [one for one in ALL if not one.not_run and not one.run_by]
 @pytest.fixture(scope="module")
 def folder(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder as a reader has it: frames, results of two detectors, and the γ sweep, already run."""
-    place = tmp_path_factory.mktemp("docs")
+    return made(simulated, tmp_path_factory.mktemp("docs"))
+
+
+def made(simulated: Path, place: Path) -> Path:
+    """Fill the folder."""
     shutil.copytree(simulated, place / "kitti")
     for name in ("train", "val"):
         text = (simulated / "ImageSets" / f"{name}.txt").read_text()
         (place / "kitti" / "ImageSets" / f"sample_{name}.txt").write_text(text)
     for name in ("docs", "examples", "tests"):
         (place / name).symlink_to(ROOT / name)
+    relabel(place / "kitti")
+    write_clouds(place)
     write_results(place)
     run(Command("", "fl3d -m +sweep=gamma seeds=1"), place)
     return place
+
+
+def relabel(kitti: Path) -> None:
+    """Call some cars something else, so that so few frames hold every class that a page names."""
+    for path in (kitti / "training" / "label_2").glob("*.txt"):
+        lines = path.read_text().splitlines()
+        cars = [n for n, line in enumerate(lines) if line.startswith("Car ")]
+        for n, name in zip(cars[1:], ("Cyclist", "Pedestrian", "Cone") * len(cars), strict=False):
+            lines[n] = lines[n].replace("Car", name, 1)
+        path.write_text("\n".join(lines) + "\n")
+
+
+def write_clouds(place: Path) -> None:
+    """Clouds in doubles, with reflectances of 0 to 255."""
+    (place / "clouds").mkdir()
+    for path in sorted((place / "kitti/training/velodyne").glob("*.bin"))[:2]:
+        points = np.fromfile(path, np.float32).reshape(-1, 4).astype(np.float64)
+        (points * [1, 1, 1, 255]).tofile(place / "clouds" / path.name)
 
 
 def write_results(place: Path) -> None:
