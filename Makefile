@@ -16,7 +16,7 @@ OVERRIDES = $(if $(DATA),data=$(DATA)) profile=$(PROFILE) $(if $(KITTI),data.roo
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: help install sweep-% sweep-pointrcnn sweep-frustum sweep-report plan tables gains figures report publish ui check format test test-slow test-slurm test-ray test-postgres bench clean
+.PHONY: help install sweep-% sweep-pointrcnn sweep-frustum sweep-report plan tables gains figures report publish ui docs check format test test-slow test-slurm test-ray test-postgres bench clean
 
 help:  ## list the targets
 	@echo "Targets (options: DATA=simulated|simulated_people|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|standard|paper SEEDS=5 ARGS='...'):"
@@ -67,6 +67,10 @@ publish: .venv/installed  ## make results/DATA-PROFILE anew, which the project c
 
 ui: .venv/installed  ## browse every checkpoint in MLflow, on this machine alone
 	$(BIN)/python -m fl3d ui
+
+docs: .venv/installed  ## build the site, which needs no network: site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "Written to site/index.html; with its search: python3 -m http.server --directory site"
 
 check: .venv/installed  ## lint, types, and that imports only go down
 	$(BIN)/ruff check .
