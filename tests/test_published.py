@@ -1,5 +1,7 @@
 """No published number outlives its code: trial keys of committed scores are those that the code plans today."""
 
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -53,6 +55,17 @@ def test_a_sweep_is_published_with_those_on_the_same_data() -> None:
     assert people == (PUBLISHED / "simulated_people-quick", ["gamma_pedestrian"])
     on_kitti = by_folder(names, [f"results={PUBLISHED}", "data=kitti"])
     assert on_kitti == {PUBLISHED / "kitti-quick": names}
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make")
+@pytest.mark.parametrize("given", [[], ["DATA=kitti"]])
+def test_make_leaves_a_sweep_its_own_data_unless_others_are_given(given: list[str]) -> None:
+    asked = ["make", "--dry-run", "-C", str(CONF.parent), "sweep-gamma_pedestrian", *given]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True)
+    [trained] = [line for line in done.stdout.splitlines() if "+sweep=gamma_pedestrian" in line]
+    assert [word for word in trained.split() if word.startswith("data=")] == [
+        word.lower() for word in given
+    ]
 
 
 def test_what_is_committed_stays_small() -> None:
