@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from fl3d.analysis.contributions import Contributions
 from fl3d.inference.windows import Windows, windows_of
 from fl3d.papers.base import with_values
@@ -18,6 +16,7 @@ from fl3d.papers.focal_loss.best_models import (
     improvements,
 )
 from fl3d.papers.focal_loss.concentration_claims import Carried, carried, concentration_claims
+from fl3d.papers.focal_loss.figures import posteriors_of
 from fl3d.papers.focal_loss.gain_claims import gain_claims
 from fl3d.papers.focal_loss.loss_term_claims import loss_term_claims
 from fl3d.papers.focal_loss.network_claims import network_claims
@@ -140,10 +139,13 @@ def _best_focal(sweep: FinishedSweep, detector: str) -> tuple[float, Iterator[Wi
 
 
 def _peaks(sweep: FinishedSweep) -> list[Claim]:
-    """A claim for each detector."""
-    peaks: dict[str, dict[float, dict[int, Peak]]] = {}
-    for trial in sweep.trials:
-        logits = windows_of(sweep, trial.folder, trial.last_step).positive.astype(np.float64)
-        own = peaks.setdefault(trial.detector, {}).setdefault(gamma_of(trial.plan), {})
-        own[trial.seed] = peak_of(1 / (1 + np.exp(-logits)))
-    return [peak_claim(detector, own) for detector, own in sorted(peaks.items())]
+    """A claim for each detector, and for all that may be taken for its positives."""
+    peaks: dict[str, dict[str, dict[float, dict[int, Peak]]]] = {}
+    for trial, kind, posteriors in posteriors_of(sweep):
+        of_kind = peaks.setdefault(trial.detector, {}).setdefault(kind, {})
+        of_kind.setdefault(gamma_of(trial.plan), {})[trial.seed] = peak_of(posteriors)
+    return [
+        peak_claim(detector, kind, own)
+        for detector, kinds in sorted(peaks.items())
+        for kind, own in kinds.items()
+    ]
