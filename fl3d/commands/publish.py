@@ -113,13 +113,14 @@ def publish(name: str, words: Sequence[str]) -> FinishedSweep:
     if len(sweep.trials) < len(sweep.plan.trials):
         done = f"{len(sweep.trials)} of {len(sweep.plan.trials)} trials"
         raise StoreError(f"{name}: {done} are done; nothing is published before all are")
-    tables, _ = write_sweep(sweep, feeding(sweep, words, None), print)
+    find = feeding(sweep, words, None)
+    tables, _ = write_sweep(sweep, find, print)
     made = Contributions(sweep)
     judged = judge_sweep(sweep, contributions=made)
     write_views(sweep, tables, judged, print, made)
     write_still_tables(sweep)
     draw_curves(sweep, made)
-    draw_papers(sweep)
+    draw_papers(sweep, find)
     return sweep
 
 
