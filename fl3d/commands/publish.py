@@ -52,6 +52,7 @@ SWEEPS = {
     "frustum_alpha": 1,
     "frustum_weights": 1,
     "frustum_final": 1,
+    "frustum_resolutions": 1,
 }
 STAMP = "stamp.json"
 

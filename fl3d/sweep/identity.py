@@ -54,6 +54,7 @@ USUAL = {
     "classes": ["Car"],
     "detector.per_class": None,
     "detector.middle_kernel": "cube",
+    "detector.slabs_used": None,
 }
 # Keys that cannot. The frames themselves enter through the data's digest; scores carry their protocol's identity.
 BOOKKEEPING = (
