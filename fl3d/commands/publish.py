@@ -55,6 +55,7 @@ SWEEPS = {
     "frustum_alpha": 1,
     "frustum_weights": 1,
     "frustum_final": 1,
+    "frustum_resolutions": 1,
 }
 STAMP = "stamp.json"
 
@@ -129,13 +130,14 @@ def publish(name: str, words: Sequence[str]) -> FinishedSweep:
     if len(sweep.trials) < len(sweep.plan.trials):
         done = f"{len(sweep.trials)} of {len(sweep.plan.trials)} trials"
         raise StoreError(f"{name}: {done} are done; nothing is published before all are")
-    tables, _ = write_sweep(sweep, feeding(sweep, words, None), print)
+    find = feeding(sweep, words, None)
+    tables, _ = write_sweep(sweep, find, print)
     made = Contributions(sweep)
     judged = judge_sweep(sweep, contributions=made)
     write_views(sweep, tables, judged, print, made)
     write_still_tables(sweep)
     draw_curves(sweep, made)
-    draw_papers(sweep)
+    draw_papers(sweep, find)
     return sweep
 
 

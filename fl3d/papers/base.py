@@ -93,6 +93,10 @@ class PaperTable(ABC):
                 )
 
 
+# What finds all sweeps that feed a joint table, see ``papers.stored.feeding``.
+Feeding = Callable[[PaperTable], Sequence[FinishedSweep]]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Paper:
     """A paper.
@@ -101,7 +105,8 @@ class Paper:
         name: of its folder.
         tables: that sweeps feed, in printed order.
         still: tables that need no training, made now.
-        draw: figures of a sweep into a folder; every file written. None: it has none.
+        draw: figures of a sweep into a folder, given what finds the sweeps that feed a joint table with it; every file
+            written. None: it has none.
         jobs: what its figures and claims need that takes long and can be made ahead, of the sweep at a place, see
             ``analysis.ahead``; None: nothing.
         claims: sentences of it beside what some sweeps give; None: none are kept, or none are about such sweeps.
@@ -111,7 +116,7 @@ class Paper:
     name: str
     tables: tuple[PaperTable, ...]
     still: Callable[[], list[Table]] = list
-    draw: Callable[[FinishedSweep, Path], list[Path]] | None = None
+    draw: Callable[[FinishedSweep, Path, Feeding], list[Path]] | None = None
     jobs: Callable[[int, FinishedSweep], Iterable[Job]] | None = None
     claims: Callable[[Sequence[Contributions]], Table | None] | None = None
     captions: Mapping[str, str] = field(default_factory=dict)

@@ -77,7 +77,8 @@ def write_page(
     pictures: list[Path] = []
     of_sweeps = {main.name: contributions}
     for sweep in (part for one in sweeps for part in (one, *one.each_class())):
-        made, _ = write_sweep(sweep, feeding(sweep, words, published), _quiet(say))
+        find = feeding(sweep, words, published)
+        made, _ = write_sweep(sweep, find, _quiet(say))
         own = contributions if sweep is main else Contributions(sweep)
         judged = judge_or_say(sweep, say, own)
         views = write_views(sweep, made, judged, _quiet(say), own)
@@ -88,7 +89,7 @@ def write_page(
             of_sweeps[sweep.name] = own
         if sweep is main or sweep.class_name is not None:
             pictures += draw_curves(sweep, own)
-        pictures += draw_papers(sweep)
+        pictures += draw_papers(sweep, find)
     halves, more = _halves(contributions)
     pictures += more
     folder = main.settings.results_folder

@@ -18,7 +18,7 @@ from fl3d.core.files import remove_old_temporaries, write_text
 from fl3d.data.classes import CARS
 from fl3d.evaluation.average_precision import N_SAMPLES
 from fl3d.evaluation.protocol import METRICS, Protocol
-from fl3d.papers.base import PaperTable
+from fl3d.papers.base import Feeding, PaperTable
 from fl3d.papers.judged_views import intervals_by_level, tables_of_verdicts
 from fl3d.papers.registry import papers_of, tables_named
 from fl3d.reports.figures.curves import (
@@ -93,9 +93,7 @@ def generic_name(sweep: FinishedSweep, group: str) -> str:
     return f"{sweep.name}-{slug(group)}"
 
 
-def make_tables(
-    sweep: FinishedSweep, feeding: Callable[[PaperTable], Sequence[FinishedSweep]]
-) -> list[Table]:
+def make_tables(sweep: FinishedSweep, feeding: Feeding) -> list[Table]:
     """The tables of a sweep as papers print them, and one for each group whose last models no paper's table shows.
 
     Args:
@@ -138,9 +136,7 @@ def generic_tables(sweep: FinishedSweep, groups: Sequence[str]) -> list[Table]:
     return tables
 
 
-def write_sweep(
-    sweep: FinishedSweep, feeding: Callable[[PaperTable], Sequence[FinishedSweep]], say: Say
-) -> tuple[list[Table], list[Path]]:
+def write_sweep(sweep: FinishedSweep, feeding: Feeding, say: Say) -> tuple[list[Table], list[Path]]:
     """Write a sweep's scores, tables and curves, and print the tables; they and every file written.
 
     The score file comes last: where it holds the scores of now, all other files are of them too.
@@ -385,13 +381,18 @@ def precision_curves(made: Contributions) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def draw_papers(sweep: FinishedSweep) -> list[Path]:
-    """Figures of the papers whose tables a sweep feeds; every file written."""
+def draw_papers(sweep: FinishedSweep, feeding: Feeding) -> list[Path]:
+    """Figures of the papers whose tables a sweep feeds; every file written.
+
+    Args:
+        sweep: its run folders must be at hand.
+        feeding: finds the sweeps that feed a joint table with it.
+    """
     folder = sweep.settings.results_folder / "figures"
     drawing = [
         paper.draw for paper in papers_of(sweep.settings.sweep.tables) if paper.draw is not None
     ]
-    return [path for draw in drawing for path in draw(sweep, folder)]
+    return [path for draw in drawing for path in draw(sweep, folder, feeding)]
 
 
 def write_still_tables(sweep: FinishedSweep) -> list[Table]:

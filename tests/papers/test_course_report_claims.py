@@ -24,7 +24,13 @@ from fl3d.papers.course_report.sentences import (
 from fl3d.reports.verdicts import ONE_SEED
 from fl3d.runs.finished import FinishedSweep, FinishedTrial
 from tests.papers.making import Made, finished_sweep
-from tests.papers.test_course_report import END, both_detectors, frustum_sweeps, recall_sweep
+from tests.papers.test_course_report import (
+    END,
+    both_detectors,
+    frustum_sweeps,
+    recall_sweep,
+    resolutions_sweep,
+)
 
 ALPHA = ("R6", ("first", "Alpha = 0.3"))
 SENTENCES = (*OF_POINTRCNN, *OF_FRUSTUM)
@@ -74,6 +80,7 @@ def told(text: str, ours: Cells | None = None) -> Claim:
         ("authors' weights", "-0.022, -0.033, -0.032, -0.064, -0.071", "holds in 3 of 5"),
         ("Frustum ConvNet: a batch of 64", "-1.07, -0.53, -1.70", "holds in its cells"),
         ("Frustum ConvNet: a batch of 8", "-17.34, -12.40, -11.75", "holds in its cells"),
+        ("slabs of 1 m alone", "+0.10, -0.44, -0.50", "holds in 1 of 3"),
         ("larger slabs", "+3.07 to +10.87", "holds in its cells"),
         ("α = 0.2, medium", "+0.16", "holds in its cells"),
         ("α = 0.3", "+0.83, +0.28", "holds in its cells"),
@@ -98,7 +105,9 @@ def test_every_row_of_a_sentence_is_printed() -> None:
 
 def test_ours_are_read_from_the_sweeps_of_each_table() -> None:
     recalls = [naming(recall_sweep(table.number), table.name) for table in RECALL_TABLES]
-    ours = cells_of(*recalls, *(naming(one, FRUSTUM.name) for one in frustum_sweeps()))
+    ours = cells_of(
+        *recalls, *(naming(one, FRUSTUM.name) for one in frustum_sweeps()), resolutions_sweep()
+    )
     for sentence in SENTENCES:
         if sentence.row[0] == "R7":
             continue

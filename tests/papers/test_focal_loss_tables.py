@@ -354,6 +354,6 @@ def test_a_sweep_of_loss_forms_has_no_figures_and_claims_over_gamma(tmp_path: Pa
     assert not is_over_gamma(sweep)
     assert FOCAL_LOSS.draw is not None
     assert FOCAL_LOSS.claims is not None
-    assert FOCAL_LOSS.draw(sweep, tmp_path) == []
+    assert FOCAL_LOSS.draw(sweep, tmp_path, lambda table: []) == []
     assert FOCAL_LOSS.claims([Contributions(sweep)]) is None
     assert list(tmp_path.iterdir()) == []

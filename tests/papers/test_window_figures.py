@@ -1,4 +1,4 @@
-"""Figures 4 and 5 and the imbalance by height: what is drawn is what the data beside say."""
+"""Figures 4 and 5, the arXiv version's Figure 1, the imbalance by height: what is drawn is what the data beside say."""
 
 import itertools
 from pathlib import Path
@@ -15,6 +15,7 @@ from fl3d.papers.focal_loss.window_figures import (
     cumulative_loss,
     figure_4,
     figure_5,
+    focal_curves,
     imbalance_by_height,
 )
 from tests.reports.frames import is_figure
@@ -29,6 +30,15 @@ def test_cumulative_loss_by_hand() -> None:
     np.testing.assert_allclose(cumulative_loss(logits, 1, 0.0, half), [0, 1 / 3, 1])
     np.testing.assert_allclose(cumulative_loss(logits, 1, 1.0, half), [0, 0.5 / (0.5 + 1.5), 1])
     np.testing.assert_allclose(cumulative_loss(-logits, -1, 0.0, half), [0, 1 / 3, 1])
+
+
+def test_the_focal_loss_over_the_posterior(tmp_path: Path) -> None:
+    """At p_t = 1/2: log 2 under BCE, a quarter of it under gamma = 2; at 1 nothing."""
+    assert is_figure(focal_curves([0.0, 2.0], tmp_path / "figure_1_arxiv"))
+    data = pd.read_csv(tmp_path / "figure_1_arxiv.csv").set_index(["gamma", "p_t"])["loss"]
+    assert data[0, 0.5] == pytest.approx(np.log(2), rel=1e-5)
+    assert data[2, 0.5] == pytest.approx(np.log(2) / 4, rel=1e-5)
+    assert data[0, 1.0] == data[2, 1.0] == 0
 
 
 def test_the_larger_gamma_the_more_of_the_loss_lies_on_hard_windows(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from fl3d.papers.course_report.cells import our_cells
 from fl3d.papers.course_report.frustum_tables import DETECTORS, FIRST, FRUSTUM, SETTINGS
 from fl3d.papers.course_report.recall_tables import RECALL_TABLES
 from fl3d.papers.course_report.report_claims import claim_of, only_change_claim
+from fl3d.papers.course_report.resolutions_table import RESOLUTIONS
 from fl3d.papers.course_report.sentences import DEFAULT, OF_FRUSTUM, OF_POINTRCNN
 from fl3d.reports.table import Table
 from fl3d.runs.finished import FinishedSweep
@@ -50,7 +51,7 @@ def claims_of(sources: Sequence[Contributions]) -> Table | None:
     Args:
         sources: sweeps whose run folders are at hand.
     """
-    names = {table.name for table in (*RECALL_TABLES, FRUSTUM, DETECTORS)}
+    names = {table.name for table in (*RECALL_TABLES, FRUSTUM, DETECTORS, RESOLUTIONS)}
     own = [one for one in sources if names & set(one.sweep.settings.sweep.tables)]
     if not own:
         return None

@@ -1,7 +1,8 @@
-"""Figures of the course report: overlap over epochs (4), both stages (6, 7), 2D detections (8)."""
+"""Figures of the course report: overlap over epochs (4), both detectors (6), both stages (7), 2D detections (8)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from fl3d.core.errors import StoreError
-from fl3d.papers.course_report.frustum_tables import DETECTORS
+from fl3d.papers.base import Feeding
+from fl3d.papers.course_report.frustum_tables import DETECTORS, NAMES
 from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models, draw_picture
 from fl3d.reports.figures.style import BLUE, PURPLE, Drawn, canvas, panels, save, styled
@@ -21,22 +23,27 @@ ONE_TRIAL = "Of the sweep's first trial: one level, one seed of training."
 CAPTIONS = {
     "report_figure_4_pointrcnn": "Report, as Figure 4, of PointRCNN: overlap over epochs; dotted: second stage. "
     f"{ONE_TRIAL}",
-    "report_figure_6_pointrcnn": "Report, as Figure 6, of PointRCNN: proposals above, refined boxes below. "
+    "report_figure_6": "Report, Figure 6: one frame, the final models of PointRCNN above and of Frustum ConvNet below; "
+    "ground truth purple (there green), estimates blue (there red). Of each the first seed of training.",
+    "report_figure_7_pointrcnn": "Report, as Figure 7, of PointRCNN: proposals above, refined boxes below. "
     f"{ONE_TRIAL}",
     "report_figure_4_fconvnet": "Report, Figure 4: overlap of cars over epochs; dotted: refinement sets in. "
     f"{ONE_TRIAL}",
-    "report_figure_6_fconvnet": "Report, Figures 6 and 7: Frustum ConvNet before and after refinement. "
+    "report_figure_7_fconvnet": "Report, Figure 7: Frustum ConvNet before and after refinement. "
     f"{ONE_TRIAL}",
     "report_figure_8": "Report, Figure 8: 2D detections against ground truth; no model of ours is asked.",
 }
 
 
-def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
+def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
     """Draw the report's figures of a sweep of a detector of two stages; of its first trial.
+
+    Figure 6 is of the final models of both detectors, once both are there.
 
     Args:
         sweep: that feeds the table of both detectors; its run folders must be at hand.
         folder: of the figures.
+        feeding: finds the sweeps that feed that table with it.
 
     Raises:
         StoreError: its trials have one stage.
@@ -55,12 +62,37 @@ def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
         STAGES[1]: scenes_of(sweep, second, trial.last_step),
     }
     written += boxes_of_models(
-        scenes, sweep.protocol.ignore_beyond, folder / f"report_figure_6_{name}"
+        scenes, sweep.protocol.ignore_beyond, folder / f"report_figure_7_{name}"
     )
     shown = scenes[STAGES[0]]
     if all(scene.frame.image_boxes is not None for scene in shown):
         written += figure_8(shown, folder / "report_figure_8")
-    return written
+    return written + figure_6(feeding(DETECTORS), folder / "report_figure_6")
+
+
+def figure_6(sweeps: Sequence[FinishedSweep], path: Path) -> list[Path]:
+    """The report's Figure 6: what the final models of both detectors find in one frame, that with most cars.
+
+    Args:
+        sweeps: that feed the table of both detectors, whose final models these are.
+        path: without ending.
+
+    Returns:
+        every file written; none where a detector is missing, or its run folders are.
+    """
+    at_hand = [sweep for sweep in sweeps if sweep.is_from_store]
+    models: dict[str, list[Scene]] = {}
+    for detector, name in NAMES.items() if at_hand else ():
+        rows = DETECTORS.models(at_hand, detector)
+        if len(rows):
+            first = rows.sort_values("seed").iloc[0]
+            key, step = str(first["trial"]), int(first["step"])
+            sweep = next(one for one in at_hand if any(own.key == key for own in one.trials))
+            models[name] = scenes_of(sweep, sweep.trial(key).holder(step), step)[:1]
+    frames = {own[0].frame.id for own in models.values()}
+    if len(models) < len(NAMES) or len(frames) > 1:
+        return []
+    return boxes_of_models(models, at_hand[0].protocol.ignore_beyond, path)
 
 
 def overlap_over_epochs(scores: pd.DataFrame, path: Path) -> list[Path]:

@@ -17,6 +17,7 @@ FRONTS = {
     "R5": ("rcnn_bin_size", "network"),
     "R6": ("stage", "setting"),
     "R7": ("method",),
+    "R_figure_5": ("strides",),
 }
 LOW = ("iou_0.1", "iou_0.3")
 HIGH = ("iou_0.5", "iou_0.7", "iou_0.9")
@@ -190,6 +191,15 @@ OF_POINTRCNN = (
     ),
 )
 OF_FRUSTUM = (
+    Sentence(
+        where="§3.2.2 ii, Fig. 5",
+        text="Frustum ConvNet: slabs of 1 m alone above those of 0.5 m alone",
+        printed="better performance",
+        row=("R_figure_5", ("1",)),
+        over=(("R_figure_5", ("0.5",)),),
+        columns=LEVELS,
+        says=Says.LARGER,
+    ),
     _of_default(
         "a batch of 64", "a small drop", "Batch Size = 64", LEVELS, Says.SMALLER, "§3.2.2 i"
     ),

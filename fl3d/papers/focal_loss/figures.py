@@ -1,4 +1,4 @@
-"""Figures 1, 4 and 5 of the paper, and the imbalance by height (§III-B), of a sweep over gamma."""
+"""Figures 1, 4 and 5 of the paper, Figure 1 of its arXiv version, and the imbalance by height: of a sweep over γ."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fl3d.core.errors import StoreError
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.inference.load import build_detector
 from fl3d.inference.windows import Place, windows_of
-from fl3d.papers.base import with_values
+from fl3d.papers.base import Feeding, with_values
 from fl3d.papers.focal_loss.best_models import BEST_OWN_MODELS, best_pairs
 from fl3d.papers.focal_loss.tables import GAMMA, LAST_TABLES, gamma_of, is_over_gamma
 from fl3d.papers.focal_loss.window_figures import (
@@ -26,6 +26,7 @@ from fl3d.papers.focal_loss.window_figures import (
     WINDOWS,
     figure_4,
     figure_5,
+    focal_curves,
     imbalance_by_height,
 )
 from fl3d.papers.scenes import scenes_of
@@ -44,6 +45,8 @@ CAPTIONS = {
     f"{OF_LAST_STAGE}",
     "figure_1_voxelnet": "Figure 1. VoxelNet: BCE above, focal loss below; ground truth purple, estimates blue. "
     f"{OF_LAST_STAGE}",
+    "figure_1_arxiv": "Figure 1 of the arXiv version. Focal loss of a window over its posterior probability, by γ; in "
+    "grey the windows that are classified well. Of the formula alone, no model is asked.",
     "figure_4": "Figure 4. Cumulative normalised loss of the best focal models' windows, under each γ. "
     f"{OF_LAST_STAGE}",
     "figure_5": "Figure 5. Posterior probability of positives, last models; of each γ those of all its seeds of "
@@ -54,17 +57,19 @@ CAPTIONS = {
 }
 
 
-def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
+def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
     """Draw the paper's figures of a sweep over gamma; every file written, none for other sweeps.
 
     Args:
         sweep: its run folders must be at hand.
         folder: of the figures.
+        feeding: not asked; all is of this sweep.
     """
     if not _is_drawn(sweep):
         return []
     written = _posteriors(sweep, folder)
     written += _cumulative_losses(sweep, folder)
+    written += focal_curves(_gammas(sweep), folder / "figure_1_arxiv")
     written += imbalance_by_height(_heights(sweep), folder / "imbalance_by_height")
     return written + _scenes(sweep, folder)
 
@@ -135,8 +140,11 @@ def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
         if gamma > 0:
             windows = windows_of(sweep, sweep.trial(trial).holder(step), step)
             sampled[detector] = (windows.positive, windows.negative)
-    gammas = sorted({gamma_of(trial.plan) for trial in sweep.trials})
-    return figure_4(sampled, gammas, folder / "figure_4")
+    return figure_4(sampled, _gammas(sweep), folder / "figure_4")
+
+
+def _gammas(sweep: FinishedSweep) -> list[float]:
+    return sorted({gamma_of(trial.plan) for trial in sweep.trials})
 
 
 def _best(sweep: FinishedSweep) -> list[tuple[str, str, int, float]]:

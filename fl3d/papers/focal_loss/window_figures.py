@@ -1,8 +1,8 @@
-"""Figures of windows' posteriors and losses: Figures 4 and 5 of the paper, and the imbalance by height (§III-B)."""
+"""Figures of windows' posteriors and losses: Figures 4 and 5, Figure 1 of the arXiv version, imbalance by height."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +44,29 @@ def cumulative_loss(logits: Array, sign: int, gamma: float, shares: Array) -> Ar
     total = sums[-1] or 1.0
     filled: Array = np.interp(shares * len(losses), np.arange(len(sums)), sums / total)
     return filled
+
+
+def focal_curves(gammas: Sequence[float], path: Path) -> list[Path]:
+    """Figure 1 of the arXiv version: the focal loss of one window over its posterior probability (Eq. 4).
+
+    Args:
+        gammas: a curve each.
+        path: without ending.
+    """
+    p_t = np.linspace(1, 100, 199) / 100  # at 0 the loss is infinite
+    parts = []
+    for gamma in gammas:
+        loss = -((1 - p_t) ** gamma) * np.log(p_t)
+        parts.append(pd.DataFrame({"gamma": gamma, "p_t": p_t, "loss": np.abs(loss)}))
+    data = pd.concat(parts, ignore_index=True)
+
+    def panel(axes: Axes, name: str) -> None:
+        _draw(axes, data, "p_t", "loss", 0.12)
+        axes.axvspan(0.5, 1, color="0.94", lw=0)
+        axes.text(0.75, 4.6, "classified well", ha="center", fontsize=7, color="0.35")
+        axes.set(xlabel="posterior probability of a window", ylabel=name, xlim=(0, 1), ylim=(0, 5))
+
+    return Drawn(panels(["focal loss"], panel, 4), data).write(path)
 
 
 def figure_4(
