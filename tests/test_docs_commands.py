@@ -68,7 +68,7 @@ def relabel(kitti: Path) -> None:
         cars = [n for n, line in enumerate(lines) if line.startswith("Car ")]
         for n, name in zip(cars[1:], ("Cyclist", "Pedestrian", "Cone") * len(cars), strict=False):
             lines[n] = lines[n].replace("Car", name, 1)
-        path.write_text("\n".join(lines) + "\n")
+        path.write_text("".join(f"{line}\n" for line in lines))
 
 
 def write_clouds(place: Path) -> None:
