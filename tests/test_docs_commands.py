@@ -42,7 +42,7 @@ OURS = [one for one in ALL if not one.not_run and not one.run_by]
 
 @pytest.fixture(scope="module")
 def folder(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder as a reader has it: frames, results of two detectors, and the γ sweep, already run."""
+    """A folder as a reader has it: frames, results of two detectors, and two sweeps that were run."""
     return made(simulated, tmp_path_factory.mktemp("docs"))
 
 
@@ -58,6 +58,7 @@ def made(simulated: Path, place: Path) -> Path:
     write_clouds(place)
     write_results(place)
     run(Command("", "fl3d -m +sweep=gamma seeds=1"), place)
+    run(Command("", "fl3d -m detector=voxelnet loss.alpha=0.5,1,2 sweep.name=alpha"), place)
     return place
 
 
@@ -68,7 +69,7 @@ def relabel(kitti: Path) -> None:
         cars = [n for n, line in enumerate(lines) if line.startswith("Car ")]
         for n, name in zip(cars[1:], ("Cyclist", "Pedestrian", "Cone") * len(cars), strict=False):
             lines[n] = lines[n].replace("Car", name, 1)
-        path.write_text("\n".join(lines) + "\n")
+        path.write_text("".join(f"{line}\n" for line in lines))
 
 
 def write_clouds(place: Path) -> None:

@@ -236,7 +236,7 @@ def values_of(path: Path) -> dict[str, Any]:
 def text_of(value: Any) -> str:
     """A value as a cell."""
     if isinstance(value, dict):
-        return "<br>".join(f"{name} {' / '.join(map(str, one))}" for name, one in value.items())
+        return "<br>".join(f"{name} {'/'.join(map(str, one))}" for name, one in value.items())
     return "–" if value is None else str(value)
 
 
