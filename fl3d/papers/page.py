@@ -38,8 +38,9 @@ from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.spec import read_spec
 
 CAPTIONS = {
-    "ap_over_level": "AP of the last models by level, the mean over seeds of training; bars: 95 % intervals of 3D "
-    "moderate (over frames alone where there is one seed; they may leave the panel); thin lines: the baseline.",
+    "ap_over_level": "AP of the last models by level, the mean over the seeds of training that the baseline has too; "
+    "bars: 95 % intervals of 3D moderate (over frames alone where there is one seed; they may leave the panel); thin "
+    "lines: the baseline, of all its seeds.",
     "ap_over_steps": "3D AP moderate of every checkpoint: of each level the mean over its own seeds of training, in a "
     "band from the lowest to the highest (none around one seed); marks: the seeds' last and best, on average; the "
     "dotted line is where each trial's last stage begins.",
