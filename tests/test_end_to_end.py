@@ -82,7 +82,7 @@ def test_it_says_what_it_does_and_prints_the_tables(finished: tuple[Path, str]) 
     assert "4 trials in 6 stages" in said
     for title in ("**Table II.**", "**Table III.**", "**Table IV.**"):
         assert title in said
-    assert "make ui" in said
+    assert "fl3d ui" in said
 
 
 def test_the_tables_are_the_golden_ones(finished: tuple[Path, str]) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from fl3d.analysis.contributions import Contributions
-from fl3d.commands.words import HELP, PUBLISHED, open_words, or_gamma, parser, read_words
+from fl3d.api.words import open_words, or_gamma, read_words
+from fl3d.commands.parsing import HELP, parser
+from fl3d.config.places import PUBLISHED
 from fl3d.papers.results import draw_curves, draw_papers, draw_verdicts, judge_or_say
 from fl3d.papers.stored import feeding
 

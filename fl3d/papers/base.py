@@ -29,7 +29,7 @@ class PaperTable(ABC):
         name: how sweep files call it: ``focal_loss.last_voxelnet``.
         number: as printed; files are called after it.
         title: printed before its caption.
-        rule: which checkpoint stands for a trial: ``last`` or ``best``.
+        rule: which checkpoint stands for a trial, see ``evaluation.selection.select``.
         is_joint: whether several sweeps feed it.
     """
 

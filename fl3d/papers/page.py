@@ -12,6 +12,7 @@ from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import Judged
 from fl3d.analysis.split_halves import HALVINGS, best_of_k_checkpoints
 from fl3d.core.files import write_text
+from fl3d.evaluation.selection import BEST_OF_LAST_STAGE
 from fl3d.papers.judged_views import tables_of_verdicts
 from fl3d.papers.page_claims import claims_of_papers
 from fl3d.papers.registry import PAPERS
@@ -144,14 +145,13 @@ def _halves(made: Contributions) -> tuple[Table, list[Path]]:
     table = halves_table(
         sweep.scores,
         sweep.select("last"),
-        sweep.select("best"),
+        sweep.select(BEST_OF_LAST_STAGE),
         made.halves(),
         levels,
-        sweep.settings.best_among,
         notes,
     )
     path = sweep.settings.results_folder / "figures" / f"best_of_k_{sweep.name}"
-    return table, best_of_k_figure(best_of_k_checkpoints(sweep.scores), levels, path)
+    return table, best_of_k_figure(best_of_k_checkpoints(sweep.scores), levels).write(path)
 
 
 def _caption(path: Path) -> str:
@@ -194,5 +194,5 @@ def _provenance(sweep: FinishedSweep, words: Sequence[str]) -> tuple[str, ...]:
         listing(sorted(made - {""})),
         paragraph(f"Protocol {sweep.protocol.id}: {json.dumps(asdict(sweep.protocol))}"),
         folded("Stages", preformatted("\n".join(sorted(stages)))),
-        link(ADDRESS, f"In MLflow (make ui): experiment {sweep.settings.stored_as}"),
+        link(ADDRESS, f"In MLflow (python -m fl3d ui): experiment {sweep.settings.stored_as}"),
     )

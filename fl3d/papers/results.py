@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from fl3d.reports.figures.curves import (
     precision_recall,
 )
 from fl3d.reports.figures.forest import forest
-from fl3d.reports.figures.style import beside
+from fl3d.reports.figures.style import Drawn, beside
 from fl3d.reports.levels import levels_table, slug
 from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
@@ -155,13 +155,12 @@ def write_sweep(sweep: FinishedSweep, feeding: Feeding, say: Say) -> tuple[list[
     levels = levels_of(sweep)
     figures = folder / "figures"
     last = sweep.select("last")
-    written += ap_over_steps(
-        sweep.scores, last, sweep.select("best"), levels, figures / f"ap_over_steps_{sweep.name}"
-    )
+    steps = ap_over_steps(sweep.scores, last, sweep.select("best"), levels)
+    written += steps.write(figures / f"ap_over_steps_{sweep.name}")
     stem = figures / f"ap_over_level_{sweep.name}"
     bars = [beside(stem, ending) for ending in FIGURES]
     if is_new or not all(path.exists() for path in bars):
-        ap_over_level(last, levels, stem)  # with intervals once tables are made again
+        ap_over_level(last, levels).write(stem)  # with intervals once tables are made again
     kept = [] if is_part else write_score_file(file, sweep.scores, sweep.plan)
     written = [*kept, *written, *bars]
     for table in tables:
@@ -256,13 +255,24 @@ def verdict_views(sweep: FinishedSweep, judged: Judged) -> list[Table]:
     return [replace(table, name=f"{sweep.name}_{table.name}") for table in found]
 
 
-def draw_verdicts(sweep: FinishedSweep, judged: Judged) -> list[Path]:
-    """The forest plot, and AP over level with bars; every file written."""
-    folder = sweep.settings.results_folder / "figures"
+def verdict_figures(sweep: FinishedSweep, judged: Judged) -> dict[str, Drawn]:
+    """The forest plot, where there is a level beside the baseline, and AP over level with bars; by name."""
     levels = levels_of(sweep)
-    written = forest(judged.verdicts, levels, judged.margin, folder / f"forest_{sweep.name}")
-    bars = folder / f"ap_over_level_{sweep.name}"
-    return written + ap_over_level(sweep.select("last"), levels, bars, judged.gains)
+    plot = forest(judged.verdicts, levels, judged.margin)
+    drawn = {} if plot is None else {"forest": plot}
+    return {**drawn, "ap_over_level": ap_over_level(sweep.select("last"), levels, judged.gains)}
+
+
+def draw_verdicts(sweep: FinishedSweep, judged: Judged) -> list[Path]:
+    """Write the figures of the verdicts; every file written."""
+    return _write_figures(sweep, verdict_figures(sweep, judged))
+
+
+def _write_figures(sweep: FinishedSweep, drawn: Mapping[str, Drawn]) -> list[Path]:
+    folder = sweep.settings.results_folder / "figures"
+    return [
+        path for name, one in drawn.items() for path in one.write(folder / f"{name}_{sweep.name}")
+    ]
 
 
 def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
@@ -308,24 +318,38 @@ def jobs_of(sweeps: Sequence[FinishedSweep], curves: Sequence[FinishedSweep]) ->
             yield from paper.jobs(place, sweep) if paper.jobs is not None else ()
 
 
-def draw_curves(sweep: FinishedSweep, contributions: Contributions | None = None) -> list[Path]:
-    """Curves of any sweep: AP over steps and score cut, precision over recall; every file written.
+def score_figures(sweep: FinishedSweep) -> dict[str, Drawn]:
+    """What scores alone can show, by name: AP over steps and, without bars, over level."""
+    levels = levels_of(sweep)
+    last, best = sweep.select("last"), sweep.select("best")
+    return {
+        "ap_over_steps": ap_over_steps(sweep.scores, last, best, levels),
+        "ap_over_level": ap_over_level(last, levels),
+    }
+
+
+def curve_figures(
+    sweep: FinishedSweep, contributions: Contributions | None = None
+) -> dict[str, Drawn]:
+    """Curves of any sweep by name: AP over steps and score cut, precision over recall.
 
     Args:
         sweep: its run folders must be at hand.
         contributions: of its trials, where they are at hand.
     """
-    folder = sweep.settings.results_folder / "figures"
     made = contributions or Contributions(sweep)
     levels = levels_of(sweep)
-    last = sweep.select("last")
-    best = sweep.select("best")
-    written = ap_over_steps(
-        sweep.scores, last, best, levels, folder / f"ap_over_steps_{sweep.name}"
-    )
-    written += ap_over_cut(cut_curves(made), levels, folder / f"ap_over_cut_{sweep.name}")
-    curves = precision_curves(made)
-    return written + precision_recall(curves, levels, folder / f"precision_recall_{sweep.name}")
+    last, best = sweep.select("last"), sweep.select("best")
+    return {
+        "ap_over_steps": ap_over_steps(sweep.scores, last, best, levels),
+        "ap_over_cut": ap_over_cut(cut_curves(made), levels),
+        "precision_recall": precision_recall(precision_curves(made), levels),
+    }
+
+
+def draw_curves(sweep: FinishedSweep, contributions: Contributions | None = None) -> list[Path]:
+    """Write the curves of any sweep, see ``curve_figures``; every file written."""
+    return _write_figures(sweep, curve_figures(sweep, contributions))
 
 
 def cut_curves(made: Contributions) -> pd.DataFrame:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -15,7 +14,7 @@ from fl3d.papers.base import Feeding
 from fl3d.papers.course_report.frustum_tables import DETECTORS, NAMES
 from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models, draw_picture
-from fl3d.reports.figures.style import BLUE, PURPLE, STYLE, panels, save, write_data
+from fl3d.reports.figures.style import BLUE, PURPLE, Drawn, canvas, panels, save, styled
 from fl3d.reports.levels import slug
 from fl3d.runs.finished import FinishedSweep
 
@@ -129,7 +128,7 @@ def overlap_over_epochs(scores: pd.DataFrame, path: Path) -> list[Path]:
         axes.set_ylabel("3D overlap of cars, and shares above")
         axes.set_ylim(0, 1)
 
-    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 3)]
+    return Drawn(panels(sorted(data["detector"].unique()), panel, 3), data).write(path)
 
 
 def figure_8(scenes: list[Scene], path: Path, least: float = 0.5) -> list[Path]:
@@ -140,10 +139,8 @@ def figure_8(scenes: list[Scene], path: Path, least: float = 0.5) -> list[Path]:
         path: without ending.
         least: score.
     """
-    with plt.rc_context(STYLE):
-        figure, grid = plt.subplots(
-            len(scenes), 1, figsize=(5, 1.6 * len(scenes)), squeeze=False, layout="constrained"
-        )
+    with styled():
+        figure, grid = canvas(len(scenes), 1, (5, 1.6 * len(scenes)))
         for axes, scene in zip(grid[:, 0], scenes, strict=True):
             assert scene.frame.image_boxes is not None
             draw_picture(axes, scene)

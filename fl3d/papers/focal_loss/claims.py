@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from fl3d.analysis.contributions import Contributions
 from fl3d.inference.windows import Windows, windows_of
 from fl3d.papers.base import with_values
 from fl3d.papers.claim import Claim, claims_table
 from fl3d.papers.focal_loss.best_model_claims import best_claim, step_claims
+from fl3d.papers.focal_loss.best_models import (
+    BEST_MODELS,
+    BEST_OWN_MODELS,
+    best_pairs,
+    improvements,
+)
 from fl3d.papers.focal_loss.concentration_claims import Carried, carried, concentration_claims
+from fl3d.papers.focal_loss.figures import posteriors_of
 from fl3d.papers.focal_loss.gain_claims import gain_claims
 from fl3d.papers.focal_loss.loss_term_claims import loss_term_claims
 from fl3d.papers.focal_loss.network_claims import network_claims
@@ -31,7 +36,6 @@ from fl3d.papers.focal_loss.tables import (
     LAST_TABLES,
     LOSS_FORMS,
     NORMALIZE,
-    best_pairs,
     gamma_of,
     is_over_gamma,
 )
@@ -75,7 +79,8 @@ def _of_gamma(source: Contributions) -> list[Claim]:
     claims = gain_claims(gains, sweep.plan.looks)
     order = differences(models.get("VoxelNet", {}), models.get("3D-FCN", {}))
     claims.append(order_claim(order, sweep.plan.looks))
-    claims += [best_claim(best_pairs(sweep)), *step_claims()]
+    improved = [improvements(sweep, table) for table in (BEST_MODELS, BEST_OWN_MODELS)]
+    claims += [best_claim(*improved), *step_claims()]
     claims += [_half_of_loss(sweep)]
     claims += concentration_claims(_carried(sweep, "3D-FCN"), _carried(sweep, "VoxelNet"))
     return [*claims, *_peaks(sweep), *network_claims(sweep)]
@@ -116,13 +121,16 @@ def _carried(sweep: FinishedSweep, detector: str) -> list[Carried]:
 
 
 def _best_focal(sweep: FinishedSweep, detector: str) -> tuple[float, Iterator[Windows]]:
-    """Gamma of a detector's best focal model, and the windows of each of its seeds; none where there is none."""
-    pairs = best_pairs(sweep)
+    """Gamma of a detector's best focal model, and the windows of each of its seeds; none where there is none.
+
+    It is the best of the last stage, which the focal loss trained.
+    """
+    pairs = best_pairs(sweep, BEST_OWN_MODELS)
     pairs = pairs[(pairs["detector"] == detector) & (pairs["gamma"] > 0)] if len(pairs) else pairs
     if pairs.empty:
         return 0.0, iter(())
     gamma = float(pairs.iloc[0]["gamma"])
-    chosen = with_values(sweep, sweep.select("best"), {"gamma": GAMMA})
+    chosen = with_values(sweep, sweep.select(BEST_OWN_MODELS.rule), {"gamma": GAMMA})
     chosen = chosen[(chosen["detector"] == detector) & (chosen["gamma"].astype(float) == gamma)]
     return gamma, (
         windows_of(sweep, sweep.trial(str(key)).holder(int(step)), int(step))
@@ -131,10 +139,13 @@ def _best_focal(sweep: FinishedSweep, detector: str) -> tuple[float, Iterator[Wi
 
 
 def _peaks(sweep: FinishedSweep) -> list[Claim]:
-    """A claim for each detector."""
-    peaks: dict[str, dict[float, dict[int, Peak]]] = {}
-    for trial in sweep.trials:
-        logits = windows_of(sweep, trial.folder, trial.last_step).positive.astype(np.float64)
-        own = peaks.setdefault(trial.detector, {}).setdefault(gamma_of(trial.plan), {})
-        own[trial.seed] = peak_of(1 / (1 + np.exp(-logits)))
-    return [peak_claim(detector, own) for detector, own in sorted(peaks.items())]
+    """A claim for each detector, and for all that may be taken for its positives."""
+    peaks: dict[str, dict[str, dict[float, dict[int, Peak]]]] = {}
+    for trial, kind, posteriors in posteriors_of(sweep):
+        of_kind = peaks.setdefault(trial.detector, {}).setdefault(kind, {})
+        of_kind.setdefault(gamma_of(trial.plan), {})[trial.seed] = peak_of(posteriors)
+    return [
+        peak_claim(detector, kind, own)
+        for detector, kinds in sorted(peaks.items())
+        for kind, own in kinds.items()
+    ]

@@ -37,7 +37,7 @@ def peak_of(posteriors: Array) -> Peak:
     return Peak(float(counts[highest]) / max(1, len(posteriors)) * BINS, edges[highest] + BIN / 2)
 
 
-def peak_claim(detector: str, peaks: Mapping[float, Mapping[int, Peak]]) -> Claim:
+def peak_claim(detector: str, kind: str, peaks: Mapping[float, Mapping[int, Peak]]) -> Claim:
     """As gamma grows, the peak of the positives' posteriors decreases and moves lower.
 
     Judged by the largest gamma against gamma = 0, seed by seed: height and place by t intervals over seeds that hold
@@ -45,11 +45,10 @@ def peak_claim(detector: str, peaks: Mapping[float, Mapping[int, Peak]]) -> Clai
 
     Args:
         detector: whose.
+        kind: what is taken for its positives, see ``window_figures.KINDS``.
         peaks: of its last models, by gamma and seed.
     """
-    text = (
-        f"the peak of the posteriors of {detector}'s positives decreases and moves lower as γ grows"
-    )
+    text = f"the peak of the posteriors of {detector}'s {kind} decreases and moves lower as γ grows"
     where = "§VI-C, Fig. 5"
     largest = max(peaks, default=0.0)
     seeds = sorted(set(peaks.get(0.0, {})) & set(peaks.get(largest, {}))) if largest > 0 else []

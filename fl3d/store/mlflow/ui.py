@@ -40,7 +40,7 @@ def browse(root: Path, uri: str | None, port: int) -> None:
         return
     if not store.exists:
         raise StoreError(
-            f"{root}: there is no store yet; run a sweep first, such as: make sweep-gamma"
+            f"{root}: there is no store yet; run a sweep first, such as: python -m fl3d -m +sweep=gamma"
         )
     check_port(port)
     print_links(store, f"http://{HOST}:{port}")
