@@ -40,9 +40,9 @@ POINTRCNN := default batch alpha bins rcnn
 sweep-pointrcnn: .venv/installed  ## the report's sweeps of PointRCNN, each keeping the winner before: Tables R1 to R5
 	for name in $(POINTRCNN); do $(MAKE) --no-print-directory sweep-pointrcnn_$$name || exit 1; done
 
-FRUSTUM := batch slabs alpha weights final
+FRUSTUM := batch slabs alpha weights final resolutions
 
-sweep-frustum: .venv/installed  ## the report's sweeps of Frustum ConvNet: Table R6, and with PointRCNN's R7
+sweep-frustum: .venv/installed  ## the report's sweeps of Frustum ConvNet: Table R6, Figure 5, and with PointRCNN's R7
 	for name in $(FRUSTUM); do $(MAKE) --no-print-directory sweep-frustum_$$name || exit 1; done
 
 sweep-report: sweep-pointrcnn sweep-frustum  ## everything of the report
