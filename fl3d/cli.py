@@ -25,6 +25,7 @@ from fl3d.core.errors import (
     options,
 )
 from fl3d.core.extras import lacking
+from fl3d.core.loading import uncollected
 
 # One thread a process: two processes of one thread are faster than one of two. The libraries read
 # this when they are loaded, so it is set before any command is imported.
@@ -83,7 +84,8 @@ def _run(typed: list[str]) -> None:
             return
         name, rest = _split(typed)
         rest = _with_detectors(_with_seeds(name, rest))
-        command = importlib.import_module(f"fl3d.commands.{name}")
+        with uncollected():
+            command = importlib.import_module(f"fl3d.commands.{name}")
         if name != TRAIN:  # Hydra loads more
             interrupts.loaded()
         command.run(rest)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from fl3d.commands.parsing import parser, protocol_names
 from fl3d.core.errors import ConfigError, Fl3dError
+from fl3d.core.loading import uncollected
 from fl3d.evaluation import MISSING
 
 if TYPE_CHECKING:
@@ -41,6 +42,11 @@ def run(arguments: list[str]) -> None:
     --missing says otherwise.
     """
     given = _options().parse_intermixed_args(arguments)
+    with uncollected():
+        _evaluate(given)
+
+
+def _evaluate(given: argparse.Namespace) -> None:
     # Late: --help loads nothing that computes.
     from fl3d.api.evaluation import NothingToCount, evaluate
 
@@ -56,8 +62,6 @@ def run(arguments: list[str]) -> None:
         )
     except NothingToCount as nothing:
         found, why = nothing.found, str(nothing)
-    except ConfigError:
-        raise
     except Fl3dError as error:
         _stop(str(error))
     _print(found, with_table=why is None)
