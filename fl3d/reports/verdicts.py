@@ -108,26 +108,29 @@ def _row(row: Row, margin: float) -> tuple[Cell, ...]:
     return Cell(str(row["level"])), Cell(str(row["seeds"])), Cell(ap), Cell(gain), word
 
 
-def findings(verdicts: pd.DataFrame, levels: Levels, margin: float) -> list[str]:
-    """What was found, a sentence for each group; the verdicts' own words.
+def in_short(verdicts: pd.DataFrame, levels: Levels) -> str:
+    """What was found, on one line: levels with a verdict by name, the others by their number.
 
     Args:
         verdicts: see ``analysis.verdicts.verdicts``.
         levels: of the sweep.
-        margin: of the verdicts, AP.
     """
     found = []
     for group, own in verdicts.groupby("group"):
-        base = own[own["verdict"] == Verdict.BASELINE].iloc[0]
         others = levels.sorted(own[own["verdict"] != Verdict.BASELINE])
-        ap = f"{base['ap']:.1f} [{base['ap_low']:.1f}, {base['ap_high']:.1f}]"
-        told = f"{group}, {base['metric']}: {ap} at {levels.text(levels.baseline)}"
-        parts = [
-            f"{levels.text(str(row['level']))}: {gain_text(row, 1)} {verdict_text(row, margin)}"
-            for row in others.to_dict("records")
-        ]
-        found.append("; ".join([told, *parts]) + ".")
-    return found
+        named: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
+        for row in others.to_dict("records"):
+            named[Verdict(row["verdict"])].append(str(row["level"]))
+        parts = [_count(verdict, of, levels) for verdict, of in named.items() if of]
+        found.append(f"{group}: {', '.join(parts)}.")
+    return " ".join(found)
+
+
+def _count(verdict: Verdict, labels: list[str], levels: Levels) -> str:
+    word = "without a verdict" if verdict is Verdict.NONE else str(verdict)
+    if verdict.is_final:
+        return f"{levels.text(', '.join(labels))} {word}"
+    return f"{len(labels)} {word}"
 
 
 def seeds_text(verdicts: pd.DataFrame) -> str:
