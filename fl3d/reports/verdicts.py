@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -124,6 +124,45 @@ def in_short(verdicts: pd.DataFrame, levels: Levels) -> str:
         parts = [_count(verdict, of, levels) for verdict, of in named.items() if of]
         found.append(f"{group}: {', '.join(parts)}.")
     return " ".join(found)
+
+
+def findings(verdicts: pd.DataFrame, levels: Levels, margin: float) -> list[str]:
+    """What was found, a sentence for each group: verdicts with their gains, and what is next to be decided.
+
+    Args:
+        verdicts: see ``analysis.verdicts.verdicts``.
+        levels: of the sweep.
+        margin: of the verdicts, AP.
+    """
+    found = []
+    for group, own in verdicts.groupby("group"):
+        rows = levels.sorted(own[own["verdict"] != Verdict.BASELINE]).to_dict("records")
+        parts = [
+            f"{levels.text(str(row['level']))} is {verdict_text(row, margin)} ({gain_text(row, 1)} AP)"
+            for row in rows
+            if Verdict(row["verdict"]).is_final
+        ]
+        parts += _open(rows, levels, margin)
+        base = f"{levels.text(levels.baseline)}, {own['metric'].iloc[0]}"
+        found.append(f"{group}, against {base}: {'; '.join(parts)}.")
+    return found
+
+
+def _open(rows: Sequence[Row], levels: Levels, margin: float) -> list[str]:
+    """Levels without a verdict: how many, and the one that would need the fewest seeds."""
+    parts = []
+    undecided = [row for row in rows if row["verdict"] == Verdict.UNDECIDED]
+    known = [row for row in undecided if not math.isnan(row["more_seeds"])]
+    if undecided:
+        more = ""
+        if known:
+            next_one = min(known, key=lambda row: float(row["more_seeds"]))
+            words = verdict_text(next_one, margin).partition(", ")[2]
+            level = levels.text(str(next_one["level"]))
+            more = f", soonest decided {level} ({gain_text(next_one, 1)} AP): {words}"
+        parts.append(f"{len(undecided)} undecided{more}")
+    silent = sum(row["verdict"] == Verdict.NONE for row in rows)
+    return [*parts, f"{silent} without a verdict"] if silent else parts
 
 
 def _count(verdict: Verdict, labels: list[str], levels: Levels) -> str:

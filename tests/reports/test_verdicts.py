@@ -10,6 +10,7 @@ from fl3d.reports.levels import Levels
 from fl3d.reports.render import to_markdown
 from fl3d.reports.verdicts import (
     ONE_SEED,
+    findings,
     gain_text,
     in_short,
     seeds_text,
@@ -119,6 +120,19 @@ def test_in_short_names_levels_with_a_verdict_and_counts_the_others() -> None:
     text = in_short(verdict_rows(GAMMAS), GAMMAS)
     of_each = "γ = 0.1 better, γ = 0.5 worse, γ = 1 equivalent, 1 undecided, 1 without a verdict."
     assert text == f"3D-FCN: {of_each} VoxelNet: {of_each}"
+
+
+def test_findings_name_what_is_decided_and_what_would_be_next() -> None:
+    (told,) = findings(verdict_rows(GAMMAS, ("VoxelNet",)), GAMMAS, 1.0)
+    base, *parts = told.removesuffix(".").split("; ")
+    assert base == (
+        "VoxelNet, against γ = 0, 3d_r40/moderate: γ = 0.1 is better (+2.0 [+0.3, +3.7] AP)"
+    )
+    assert parts[1:] == [
+        "γ = 1 is equivalent within 1 AP (-0.1 [-0.8, +0.6] AP)",
+        "1 undecided, soonest decided γ = 2 (+0.5 [-2.0, +3.0] AP): about 4 more seeds",
+        "1 without a verdict",
+    ]
 
 
 def test_over_how_many_seeds_intervals_reach() -> None:
