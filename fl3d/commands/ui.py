@@ -16,7 +16,7 @@ def run(arguments: list[str]) -> None:
         help="where the store is, as of your sweeps: store.root=FOLDER (default: runs), or "
         "store.uri=postgresql://USER@HOST/NAME",
     )
-    options.add_argument("--port", type=int, default=5000, help="default: 5000")
+    options.add_argument("--port", type=int, help="default: 5000, or the next one that is free")
     given = options.parse_intermixed_args(arguments)
     store = read_words(given.overrides).settings.store
     browse(store.root, store.uri, given.port)

@@ -33,6 +33,7 @@ from fl3d.reports.halves import halves_table
 from fl3d.reports.page import Section, folded, link, listing, page, paragraph, picture, preformatted
 from fl3d.reports.render import to_html
 from fl3d.reports.table import Table
+from fl3d.reports.verdicts import findings
 from fl3d.runs.checkpoints import read_marker
 from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.spec import read_spec
@@ -100,8 +101,8 @@ def write_page(
     pngs = [path for path in pictures if path.suffix == ".png"]
     sections = [
         Section("Verdicts", tuple(found)),
-        Section("Tables", tuple(tables)),
         Section("Figures", tuple(picture(path.read_bytes(), _caption(path)) for path in pngs)),
+        Section("Tables", tuple(tables)),
         Section("Claims of the papers", tuple(to_html(table) for table in claims)),
         Section("Last, best and honest best", (to_html(halves),)),
         Section("Networks", tuple(to_html(table) for table in still)),
@@ -121,13 +122,14 @@ def _question(sweep: FinishedSweep) -> str:
 
 
 def _found(sweep: FinishedSweep, judged: Judged | None, question: str | None) -> list[str]:
-    """What a sweep has found: the question, unless the page begins with it, a picture, and the verdicts."""
+    """What a sweep has found: the question, unless the page begins with it, a picture, words, and the verdicts."""
     if judged is None:
         return []
     levels = levels_of(sweep)
     drawn = sweep.settings.results_folder / "figures" / f"forest_{sweep.name}.png"
     parts = [paragraph(question)] if question else []
     parts += [picture(drawn.read_bytes(), FOREST)] if drawn.exists() else []
+    parts += [listing(findings(judged.verdicts, levels, judged.margin))]
     return [*parts, *(to_html(table) for table in tables_of_verdicts(judged, levels))]
 
 
