@@ -32,6 +32,7 @@ from fl3d.reports.page import Section, folded, link, listing, page, paragraph, p
 from fl3d.reports.render import to_html
 from fl3d.reports.table import Table
 from fl3d.runs.checkpoints import read_marker
+from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.spec import read_spec
 
@@ -91,8 +92,8 @@ def write_page(
     pictures += more
     folder = main.settings.results_folder
     papers = papers_of(main.settings.sweep.tables)
-    drawn = [paper.claims(main, main_judged) for paper in papers if paper.claims is not None]
-    claims = [table for table in drawn if table is not None]
+    told = [paper.claims(main, main_judged) for paper in papers if paper.claims is not None]
+    claims = [table for table in told if table is not None]
     write_tables([*claims, halves], folder)
     still = write_still_tables(main)
     pngs = [path for path in pictures if path.suffix == ".png"]
@@ -123,9 +124,9 @@ def _found(sweep: FinishedSweep, judged: Judged | None, question: str | None) ->
     if judged is None:
         return []
     levels = levels_of(sweep)
-    drawn = sweep.settings.results_folder / "figures" / f"forest_{sweep.name}.png"
+    forest = sweep.settings.results_folder / "figures" / f"forest_{sweep.name}.png"
     parts = [paragraph(question)] if question else []
-    parts += [picture(drawn.read_bytes(), FOREST)] if drawn.exists() else []
+    parts += [picture(forest.read_bytes(), FOREST)] if forest.exists() else []
     return [*parts, *(to_html(table) for table in tables_of_verdicts(judged, levels))]
 
 
@@ -151,7 +152,8 @@ def _halves(made: Contributions) -> tuple[Table, list[Path]]:
         notes,
     )
     path = sweep.settings.results_folder / "figures" / f"best_of_k_{sweep.name}"
-    return table, best_of_k_figure(best_of_k_checkpoints(sweep.scores), levels, path)
+    given = (best_of_k_checkpoints(sweep.scores), levels, path)
+    return table, drawn(sweep.drawn_as, best_of_k_figure, *given)
 
 
 def _caption(path: Path) -> str:

@@ -33,6 +33,7 @@ from fl3d.reports.figures.style import beside
 from fl3d.reports.levels import levels_table, slug
 from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
+from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.plans import is_of_program
 from fl3d.runs.scores import score_file, score_text, write_score_file
@@ -159,9 +160,9 @@ def write_sweep(
     levels = levels_of(sweep)
     figures = folder / "figures"
     last = sweep.select("last")
-    written += ap_over_steps(
-        sweep.scores, last, sweep.select("best"), levels, figures / f"ap_over_steps_{sweep.name}"
-    )
+    steps = figures / f"ap_over_steps_{sweep.name}"
+    given = (sweep.scores, last, sweep.select("best"), levels, steps)
+    written += drawn(sweep.drawn_as, ap_over_steps, *given)
     stem = figures / f"ap_over_level_{sweep.name}"
     bars = [beside(stem, ending) for ending in FIGURES]
     if is_new or not all(path.exists() for path in bars):
@@ -264,9 +265,12 @@ def draw_verdicts(sweep: FinishedSweep, judged: Judged) -> list[Path]:
     """The forest plot, and AP over level with bars; every file written."""
     folder = sweep.settings.results_folder / "figures"
     levels = levels_of(sweep)
-    written = forest(judged.verdicts, levels, judged.margin, folder / f"forest_{sweep.name}")
-    bars = folder / f"ap_over_level_{sweep.name}"
-    return written + ap_over_level(sweep.select("last"), levels, bars, judged.gains)
+    told = (judged.verdicts, levels, judged.margin, folder / f"forest_{sweep.name}")
+    bars = (sweep.select("last"), levels, folder / f"ap_over_level_{sweep.name}", judged.gains)
+    return [
+        *drawn(sweep.drawn_as, forest, *told),
+        *drawn(sweep.drawn_as, ap_over_level, *bars),
+    ]
 
 
 def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
@@ -324,12 +328,14 @@ def draw_curves(sweep: FinishedSweep, contributions: Contributions | None = None
     levels = levels_of(sweep)
     last = sweep.select("last")
     best = sweep.select("best")
-    written = ap_over_steps(
-        sweep.scores, last, best, levels, folder / f"ap_over_steps_{sweep.name}"
-    )
-    written += ap_over_cut(cut_curves(made), levels, folder / f"ap_over_cut_{sweep.name}")
-    curves = precision_curves(made)
-    return written + precision_recall(curves, levels, folder / f"precision_recall_{sweep.name}")
+    steps = (sweep.scores, last, best, levels, folder / f"ap_over_steps_{sweep.name}")
+    cuts = (cut_curves(made), levels, folder / f"ap_over_cut_{sweep.name}")
+    recalls = (precision_curves(made), levels, folder / f"precision_recall_{sweep.name}")
+    return [
+        *drawn(sweep.drawn_as, ap_over_steps, *steps),
+        *drawn(sweep.drawn_as, ap_over_cut, *cuts),
+        *drawn(sweep.drawn_as, precision_recall, *recalls),
+    ]
 
 
 def cut_curves(made: Contributions) -> pd.DataFrame:

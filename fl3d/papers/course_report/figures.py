@@ -15,6 +15,7 @@ from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models, draw_picture
 from fl3d.reports.figures.style import BLUE, PURPLE, STYLE, panels, save, write_data
 from fl3d.reports.levels import slug
+from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep
 
 STAGES = ("first stage", "after refinement")
@@ -49,18 +50,18 @@ def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
         raise StoreError(f"{trial.key}: the report's figures need a trial of two stages")
     own = sweep.scores[sweep.scores["trial"] == trial.key]
     name = slug(trial.detector).replace("-", "")
-    written = overlap_over_epochs(own, folder / f"report_figure_4_{name}")
+    epochs = folder / f"report_figure_4_{name}"
+    written = drawn(sweep.drawn_as, overlap_over_epochs, own, epochs)
     first, second = trial.folders[-2:]
     scenes = {
         STAGES[0]: scenes_of(sweep, first, trial.plan.first_own_step),
         STAGES[1]: scenes_of(sweep, second, trial.last_step),
     }
-    written += boxes_of_models(
-        scenes, sweep.protocol.ignore_beyond, folder / f"report_figure_6_{name}"
-    )
+    given = (scenes, sweep.protocol.ignore_beyond, folder / f"report_figure_6_{name}")
+    written += drawn(sweep.drawn_as, boxes_of_models, *given)
     shown = scenes[STAGES[0]]
     if all(scene.frame.image_boxes is not None for scene in shown):
-        written += figure_8(shown, folder / "report_figure_8")
+        written += drawn(sweep.drawn_as, figure_8, shown, folder / "report_figure_8")
     return written
 
 

@@ -22,6 +22,7 @@ from fl3d.papers.focal_loss.window_figures import figure_4, figure_5, imbalance_
 from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models
 from fl3d.reports.levels import slug
+from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.kept import Arrays, code_digest, is_kept, kept
 from fl3d.runs.layout import StoreFolder
@@ -55,7 +56,8 @@ def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
         return []
     written = _posteriors(sweep, folder)
     written += _cumulative_losses(sweep, folder)
-    written += imbalance_by_height(_heights(sweep), folder / "imbalance_by_height")
+    heights = (_heights(sweep), folder / "imbalance_by_height")
+    written += drawn(sweep.drawn_as, imbalance_by_height, *heights)
     return written + _scenes(sweep, folder)
 
 
@@ -96,7 +98,8 @@ def _posteriors(sweep: FinishedSweep, folder: Path) -> list[Path]:
         pooled.setdefault((trial.detector, gamma_of(trial.plan)), []).append(
             1 / (1 + np.exp(-logits))
         )
-    return figure_5({key: np.concatenate(own) for key, own in pooled.items()}, folder / "figure_5")
+    posteriors = {key: np.concatenate(own) for key, own in pooled.items()}
+    return drawn(sweep.drawn_as, figure_5, posteriors, folder / "figure_5")
 
 
 def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
@@ -107,7 +110,7 @@ def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
             windows = windows_of(sweep, sweep.trial(trial).holder(step), step)
             sampled[detector] = (windows.positive, windows.negative)
     gammas = sorted({gamma_of(trial.plan) for trial in sweep.trials})
-    return figure_4(sampled, gammas, folder / "figure_4")
+    return drawn(sweep.drawn_as, figure_4, sampled, gammas, folder / "figure_4")
 
 
 def _best(sweep: FinishedSweep) -> list[tuple[str, str, int, float]]:
@@ -188,5 +191,6 @@ def _scenes(sweep: FinishedSweep, folder: Path) -> list[Path]:
     written: list[Path] = []
     for detector, pair in models.items():
         name = f"figure_1_{slug(detector).replace('-', '')}"
-        written += boxes_of_models(pair, sweep.protocol.ignore_beyond, folder / name)
+        given = (pair, sweep.protocol.ignore_beyond, folder / name)
+        written += drawn(sweep.drawn_as, boxes_of_models, *given)
     return written
