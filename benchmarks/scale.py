@@ -3,9 +3,9 @@
     python benchmarks/scale.py [--trials 1000 10000 100000]
 
 Nothing is trained: stages end as soon as they are started, and leave the files of one checkpoint behind. The store
-keeps nothing, for what MLflow takes is in benchmarks/store.py; pictures of trials are left out. Times are CPU milliseconds a
-trial, of this process; what writing the files of the stages takes is measured beside and taken off. A trial has two
-stages; the first is shared by all of a seed, and each seed has 100 levels.
+keeps nothing, for what MLflow takes is in benchmarks/store.py; pictures of trials are left out. Times are CPU
+milliseconds a trial, of this process; what writing the files of the stages takes is measured beside and taken off. A
+trial has two stages; the first is shared by all of a seed, and each seed has 100 levels.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ from fl3d.config.overrides import parse
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
 from fl3d.papers.results import curve_figures, score_figures, verdict_figures
-from fl3d.reports.figures.style import Drawn
 from fl3d.runs import finished
+from fl3d.runs.drawn import ToDraw
 from fl3d.runs.finished import FinishedSweep
 from fl3d.sweep.by_hand import name_trial
 from fl3d.sweep.sweepers.grid import Listed, point_of
@@ -119,12 +119,13 @@ class Sweep:
 
         Without stored detections only what scores alone can show. A notebook shows one where it is a cell's value.
         """
-        return {name: drawn.figure for name, drawn in self._drawn().items()}
+        made = {name: figure() for name, figure in self._figures().items()}
+        return {name: one.figure for name, one in made.items() if one is not None}
 
-    def _drawn(self) -> dict[str, Drawn]:
+    def _figures(self) -> dict[str, ToDraw]:
         try:
-            drawn = verdict_figures(self.finished, self._judged)
-            return drawn | curve_figures(self.finished, self._made)
+            judged = verdict_figures(self.finished, self._judged)
+            return judged | curve_figures(self.finished, self._made)
         except (ConfigError, *WITHOUT_DETECTIONS) as error:
             warnings.warn(f"only the figures that need no detections: {error}", stacklevel=4)
             return score_figures(self.finished)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from fl3d.analysis.ahead import make_ahead
@@ -35,6 +36,7 @@ from fl3d.reports.render import to_html
 from fl3d.reports.table import Table
 from fl3d.reports.verdicts import findings
 from fl3d.runs.checkpoints import read_marker
+from fl3d.runs.drawn import drawn_at
 from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.spec import read_spec
 
@@ -126,9 +128,9 @@ def _found(sweep: FinishedSweep, judged: Judged | None, question: str | None) ->
     if judged is None:
         return []
     levels = levels_of(sweep)
-    drawn = sweep.settings.results_folder / "figures" / f"forest_{sweep.name}.png"
+    forest = sweep.settings.results_folder / "figures" / f"forest_{sweep.name}.png"
     parts = [paragraph(question)] if question else []
-    parts += [picture(drawn.read_bytes(), FOREST)] if drawn.exists() else []
+    parts += [picture(forest.read_bytes(), FOREST)] if forest.exists() else []
     parts += [listing(findings(judged.verdicts, levels, judged.margin))]
     return [*parts, *(to_html(table) for table in tables_of_verdicts(judged, levels))]
 
@@ -154,7 +156,8 @@ def _halves(made: Contributions) -> tuple[Table, list[Path]]:
         notes,
     )
     path = sweep.settings.results_folder / "figures" / f"best_of_k_{sweep.name}"
-    return table, best_of_k_figure(best_of_k_checkpoints(sweep.scores), levels).write(path)
+    figure = partial(best_of_k_figure, best_of_k_checkpoints(sweep.scores), levels)
+    return table, drawn_at(sweep.drawn_as, path, figure)
 
 
 def _caption(path: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +30,11 @@ from fl3d.reports.figures.curves import (
     precision_recall,
 )
 from fl3d.reports.figures.forest import forest
-from fl3d.reports.figures.style import Drawn, beside
+from fl3d.reports.figures.style import beside
 from fl3d.reports.levels import levels_table, slug
 from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
+from fl3d.runs.drawn import ToDraw, drawn_at
 from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.plans import is_of_program
 from fl3d.runs.scores import score_file, score_text, write_score_file
@@ -155,8 +157,8 @@ def write_sweep(sweep: FinishedSweep, feeding: Feeding, say: Say) -> tuple[list[
     levels = levels_of(sweep)
     figures = folder / "figures"
     last = sweep.select("last")
-    steps = ap_over_steps(sweep.scores, last, sweep.select("best"), levels)
-    written += steps.write(figures / f"ap_over_steps_{sweep.name}")
+    steps = partial(ap_over_steps, sweep.scores, last, sweep.select("best"), levels)
+    written += drawn_at(sweep.drawn_as, figures / f"ap_over_steps_{sweep.name}", steps)
     stem = figures / f"ap_over_level_{sweep.name}"
     bars = [beside(stem, ending) for ending in FIGURES]
     if is_new or not all(path.exists() for path in bars):
@@ -255,12 +257,14 @@ def verdict_views(sweep: FinishedSweep, judged: Judged) -> list[Table]:
     return [replace(table, name=f"{sweep.name}_{table.name}") for table in found]
 
 
-def verdict_figures(sweep: FinishedSweep, judged: Judged) -> dict[str, Drawn]:
+def verdict_figures(sweep: FinishedSweep, judged: Judged) -> dict[str, ToDraw]:
     """The forest plot, where there is a level beside the baseline, and AP over level with bars; by name."""
     levels = levels_of(sweep)
-    plot = forest(judged.verdicts, levels, judged.margin)
-    drawn = {} if plot is None else {"forest": plot}
-    return {**drawn, "ap_over_level": ap_over_level(sweep.select("last"), levels, judged.gains)}
+    chosen = sweep.select("last")
+    return {
+        "forest": partial(forest, judged.verdicts, levels, judged.margin),
+        "ap_over_level": partial(ap_over_level, chosen, levels, judged.gains),
+    }
 
 
 def draw_verdicts(sweep: FinishedSweep, judged: Judged) -> list[Path]:
@@ -268,10 +272,12 @@ def draw_verdicts(sweep: FinishedSweep, judged: Judged) -> list[Path]:
     return _write_figures(sweep, verdict_figures(sweep, judged))
 
 
-def _write_figures(sweep: FinishedSweep, drawn: Mapping[str, Drawn]) -> list[Path]:
+def _write_figures(sweep: FinishedSweep, figures: Mapping[str, ToDraw]) -> list[Path]:
     folder = sweep.settings.results_folder / "figures"
     return [
-        path for name, one in drawn.items() for path in one.write(folder / f"{name}_{sweep.name}")
+        path
+        for name, figure in figures.items()
+        for path in drawn_at(sweep.drawn_as, folder / f"{name}_{sweep.name}", figure)
     ]
 
 
@@ -318,19 +324,19 @@ def jobs_of(sweeps: Sequence[FinishedSweep], curves: Sequence[FinishedSweep]) ->
             yield from paper.jobs(place, sweep) if paper.jobs is not None else ()
 
 
-def score_figures(sweep: FinishedSweep) -> dict[str, Drawn]:
+def score_figures(sweep: FinishedSweep) -> dict[str, ToDraw]:
     """What scores alone can show, by name: AP over steps and, without bars, over level."""
     levels = levels_of(sweep)
     last, best = sweep.select("last"), sweep.select("best")
     return {
-        "ap_over_steps": ap_over_steps(sweep.scores, last, best, levels),
-        "ap_over_level": ap_over_level(last, levels),
+        "ap_over_steps": partial(ap_over_steps, sweep.scores, last, best, levels),
+        "ap_over_level": partial(ap_over_level, last, levels),
     }
 
 
 def curve_figures(
     sweep: FinishedSweep, contributions: Contributions | None = None
-) -> dict[str, Drawn]:
+) -> dict[str, ToDraw]:
     """Curves of any sweep by name: AP over steps and score cut, precision over recall.
 
     Args:
@@ -341,9 +347,9 @@ def curve_figures(
     levels = levels_of(sweep)
     last, best = sweep.select("last"), sweep.select("best")
     return {
-        "ap_over_steps": ap_over_steps(sweep.scores, last, best, levels),
-        "ap_over_cut": ap_over_cut(cut_curves(made), levels),
-        "precision_recall": precision_recall(precision_curves(made), levels),
+        "ap_over_steps": partial(ap_over_steps, sweep.scores, last, best, levels),
+        "ap_over_cut": partial(ap_over_cut, cut_curves(made), levels),
+        "precision_recall": partial(precision_recall, precision_curves(made), levels),
     }
 
 

@@ -275,6 +275,12 @@ class FinishedSweep:
         kitti, ids = self.kitti(), self.validation.ids
         return digest([kitti.digest(ids), kitti.image_digest(ids)])
 
+    def drawn_as(self, name: str) -> Path | None:
+        """Where a figure of it is kept as it was drawn, see ``runs.drawn``; None where only its scores are here."""
+        if not self.is_from_store:
+            return None
+        return StoreFolder(self.settings.store.root).drawn(self.settings.experiment, name)
+
     def detections(self, trial: FinishedTrial, step: int | None = None) -> StoredDetections:
         """What a checkpoint of a trial predicted on the validation frames; None: its last one."""
         at = trial.last_step if step is None else step

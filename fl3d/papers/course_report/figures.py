@@ -16,6 +16,7 @@ from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models, draw_picture
 from fl3d.reports.figures.style import BLUE, PURPLE, Drawn, canvas, panels, save, styled
 from fl3d.reports.levels import slug
+from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep
 
 STAGES = ("first stage", "after refinement")
@@ -55,18 +56,18 @@ def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
         raise StoreError(f"{trial.key}: the report's figures need a trial of two stages")
     own = sweep.scores[sweep.scores["trial"] == trial.key]
     name = slug(trial.detector).replace("-", "")
-    written = overlap_over_epochs(own, folder / f"report_figure_4_{name}")
+    epochs = folder / f"report_figure_4_{name}"
+    written = drawn(sweep.drawn_as, overlap_over_epochs, own, epochs)
     first, second = trial.folders[-2:]
     scenes = {
         STAGES[0]: scenes_of(sweep, first, trial.plan.first_own_step),
         STAGES[1]: scenes_of(sweep, second, trial.last_step),
     }
-    written += boxes_of_models(
-        scenes, sweep.protocol.ignore_beyond, folder / f"report_figure_7_{name}"
-    )
+    given = (scenes, sweep.protocol.ignore_beyond, folder / f"report_figure_7_{name}")
+    written += drawn(sweep.drawn_as, boxes_of_models, *given)
     shown = scenes[STAGES[0]]
     if all(scene.frame.image_boxes is not None for scene in shown):
-        written += figure_8(shown, folder / "report_figure_8")
+        written += drawn(sweep.drawn_as, figure_8, shown, folder / "report_figure_8")
     return written + figure_6(feeding(DETECTORS), folder / "report_figure_6")
 
 
@@ -92,7 +93,9 @@ def figure_6(sweeps: Sequence[FinishedSweep], path: Path) -> list[Path]:
     frames = {own[0].frame.id for own in models.values()}
     if len(models) < len(NAMES) or len(frames) > 1:
         return []
-    return boxes_of_models(models, at_hand[0].protocol.ignore_beyond, path)
+    return drawn(
+        at_hand[0].drawn_as, boxes_of_models, models, at_hand[0].protocol.ignore_beyond, path
+    )
 
 
 def overlap_over_epochs(scores: pd.DataFrame, path: Path) -> list[Path]:

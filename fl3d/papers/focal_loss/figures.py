@@ -32,6 +32,7 @@ from fl3d.papers.focal_loss.window_figures import (
 from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models
 from fl3d.reports.levels import slug
+from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep, FinishedTrial
 from fl3d.runs.kept import Arrays, code_digest, is_kept, kept
 from fl3d.runs.layout import StoreFolder
@@ -69,8 +70,10 @@ def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
         return []
     written = _posteriors(sweep, folder)
     written += _cumulative_losses(sweep, folder)
-    written += focal_curves(_gammas(sweep), folder / "figure_1_arxiv")
-    written += imbalance_by_height(_heights(sweep), folder / "imbalance_by_height")
+    curves = (_gammas(sweep), folder / "figure_1_arxiv")
+    written += drawn(sweep.drawn_as, focal_curves, *curves)
+    heights = (_heights(sweep), folder / "imbalance_by_height")
+    written += drawn(sweep.drawn_as, imbalance_by_height, *heights)
     return written + _scenes(sweep, folder)
 
 
@@ -113,7 +116,8 @@ def _posteriors(sweep: FinishedSweep, folder: Path) -> list[Path]:
     for trial, kind, own in posteriors_of(sweep):
         key = (trial.detector, kind, gamma_of(trial.plan))
         pooled.setdefault(key, []).append(own)
-    return figure_5({key: np.concatenate(own) for key, own in pooled.items()}, folder / "figure_5")
+    posteriors = {key: np.concatenate(own) for key, own in pooled.items()}
+    return drawn(sweep.drawn_as, figure_5, posteriors, folder / "figure_5")
 
 
 def posteriors_of(
@@ -140,7 +144,7 @@ def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
         if gamma > 0:
             windows = windows_of(sweep, sweep.trial(trial).holder(step), step)
             sampled[detector] = (windows.positive, windows.negative)
-    return figure_4(sampled, _gammas(sweep), folder / "figure_4")
+    return drawn(sweep.drawn_as, figure_4, sampled, _gammas(sweep), folder / "figure_4")
 
 
 def _gammas(sweep: FinishedSweep) -> list[float]:
@@ -228,5 +232,6 @@ def _scenes(sweep: FinishedSweep, folder: Path) -> list[Path]:
     written: list[Path] = []
     for detector, pair in models.items():
         name = f"figure_1_{slug(detector).replace('-', '')}"
-        written += boxes_of_models(pair, sweep.protocol.ignore_beyond, folder / name)
+        given = (pair, sweep.protocol.ignore_beyond, folder / name)
+        written += drawn(sweep.drawn_as, boxes_of_models, *given)
     return written
