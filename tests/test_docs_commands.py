@@ -4,6 +4,7 @@ What is not run says why above its block. Here a command is what the page prints
 seeds are few, folders that a reader has are simulated ones, and a GPU is a CPU.
 """
 
+import itertools
 import os
 import re
 import shlex
@@ -64,11 +65,12 @@ def made(simulated: Path, place: Path) -> Path:
 
 def relabel(kitti: Path) -> None:
     """Call some cars something else, so that so few frames hold every class that a page names."""
-    for path in (kitti / "training" / "label_2").glob("*.txt"):
+    names = itertools.cycle(("Cone", "Cyclist", "Pedestrian"))
+    for path in sorted((kitti / "training" / "label_2").glob("*.txt")):
         lines = path.read_text().splitlines()
         cars = [n for n, line in enumerate(lines) if line.startswith("Car ")]
-        for n, name in zip(cars[1:], ("Cyclist", "Pedestrian", "Cone") * len(cars), strict=False):
-            lines[n] = lines[n].replace("Car", name, 1)
+        for n in cars[1:]:
+            lines[n] = lines[n].replace("Car", next(names), 1)
         path.write_text("".join(f"{line}\n" for line in lines))
 
 
