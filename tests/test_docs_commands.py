@@ -4,6 +4,7 @@ What is not run says why above its block. Here a command is what the page prints
 seeds are few, folders that a reader has are simulated ones, and a GPU is a CPU.
 """
 
+import itertools
 import os
 import re
 import shlex
@@ -63,13 +64,16 @@ def made(simulated: Path, place: Path) -> Path:
 
 
 def relabel(kitti: Path) -> None:
-    """Call some cars something else, so that so few frames hold every class that a page names."""
-    for path in (kitti / "training" / "label_2").glob("*.txt"):
-        lines = path.read_text().splitlines()
-        cars = [n for n, line in enumerate(lines) if line.startswith("Car ")]
-        for n, name in zip(cars[1:], ("Cyclist", "Pedestrian", "Cone") * len(cars), strict=False):
-            lines[n] = lines[n].replace("Car", name, 1)
-        path.write_text("".join(f"{line}\n" for line in lines))
+    """Call some cars something else, so that so few frames hold every class that a page names, in either split."""
+    for split in ("train", "val"):
+        names = itertools.cycle(("Cone", "Cyclist", "Pedestrian"))
+        for frame in (kitti / "ImageSets" / f"{split}.txt").read_text().split():
+            path = kitti / "training" / "label_2" / f"{frame}.txt"
+            lines = path.read_text().splitlines()
+            cars = [n for n, line in enumerate(lines) if line.startswith("Car ")]
+            for n in cars[1:]:
+                lines[n] = lines[n].replace("Car", next(names), 1)
+            path.write_text("".join(f"{line}\n" for line in lines))
 
 
 def write_clouds(place: Path) -> None:
