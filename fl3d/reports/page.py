@@ -37,9 +37,13 @@ th, td { padding: .15rem .5rem; text-align: left; white-space: nowrap; }
 #table-claims td { white-space: normal; min-width: 7rem; vertical-align: top; }
 .note { font-size: .8rem; color: var(--faint); margin: .3rem 0; } code, pre { font-size: .85rem; }
 pre { overflow-x: auto; background: var(--tint); padding: .6rem; } summary { cursor: pointer; margin: .5rem 0; }
+@media screen and (max-width: 40rem) {  /* letters of a figure stay legible: it is moved sideways as tables are */
+  figure .scroll img { max-width: none; width: 40rem; }
+}
 @media print {
   body { max-width: none; font-size: 10pt; padding: 0; } nav, summary { display: none; }
-  table { font-size: 7pt; } th, td { padding: .05rem .25rem; } figure, tr { break-inside: avoid; }
+  table { font-size: 7pt; } th, td { padding: .05rem .25rem; white-space: normal; } figure, tr { break-inside: avoid; }
+  #table-claims td { min-width: 0; overflow-wrap: anywhere; }
   h2, summary { break-after: avoid; } .scroll { overflow: visible; } pre { white-space: pre-wrap; }
   a { color: inherit; text-decoration: none; }
 }
@@ -82,7 +86,7 @@ def picture(image: bytes, caption: str) -> str:
         f"width='{pixels.width}' height='{pixels.height}'"  # the page stands still while it loads
     )
     return (
-        f"<figure><img alt='{text}' {size} decoding='async' src='data:image/webp;base64,{data}'>"
+        f"<figure><div class='scroll'><img alt='{text}' {size} decoding='async' src='data:image/webp;base64,{data}'></div>"
         f"<figcaption>{text}</figcaption></figure>"
     )
 
