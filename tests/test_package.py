@@ -120,7 +120,7 @@ def test_extras_are_those_of_the_project() -> None:
     for extra, modules in EXTRAS.items():
         own = {re.split(r"[>=<]", one)[0] for one in extras[extra]} - {"fl3d[train]"}
         assert own == {names.get(module, module) for module in modules}
-    assert set(extras) == {*EXTRAS, "dev"}
+    assert set(extras) == {*EXTRAS, "docs", "dev"}
 
 
 def test_what_an_extra_lacks_names_the_command_that_brings_it(

@@ -17,13 +17,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ParamSpec
 
-import matplotlib
 import numpy as np
 import pandas as pd
 
 from fl3d.core.digests import digest
 from fl3d.core.files import write_atomically
-from fl3d.reports.figures.style import Drawn
+from fl3d.reports.figures.style import Drawn, settings
 from fl3d.runs.kept import Arrays, code_digest, kept
 
 # What draws: the functions themselves, and what they ask for boxes, levels, verdicts and their words.
@@ -116,8 +115,7 @@ def _write(path: Path, content: bytes) -> Path:
 @cache
 def _libraries() -> str:
     """Versions of what draws, and how the user has set it up."""
-    settings = {str(key): repr(value) for key, value in matplotlib.rcParams.items()}
-    return digest([{name: version(name) for name in LIBRARIES}, settings])
+    return digest([{name: version(name) for name in LIBRARIES}, settings()])
 
 
 def plain(value: Any) -> Any:

@@ -77,6 +77,11 @@ class Drawn:
         return [write_data(self.data, path), *save(self.figure, path)]
 
 
+def settings() -> dict[str, str]:
+    """How matplotlib is set up, by the user too, as text."""
+    return {str(key): repr(value) for key, value in matplotlib.rcParams.items()}
+
+
 def styled() -> AbstractContextManager[None]:
     """Within it, everything is drawn and written in fl3d's style."""
     return matplotlib.rc_context(STYLE)
