@@ -12,22 +12,18 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ParamSpec
 
-import matplotlib
 import numpy as np
 import pandas as pd
 
-from fl3d.core.digests import digest
 from fl3d.core.files import write_atomically
+from fl3d.reports.figures.style import libraries
 from fl3d.runs.kept import Arrays, code_digest, kept
 
 # What draws: the functions themselves, and what they ask for boxes, levels, verdicts and their words.
 CODE = ("core", "geometry", "data", "evaluation", "reports", "papers", "runs/drawn.py")
-LIBRARIES = ("matplotlib", "numpy", "pandas", "pillow", "fonttools")
 PATH = "path"  # argument of a function that draws: where, without ending
 
 P = ParamSpec("P")
@@ -68,7 +64,7 @@ def drawn(
         "name": path.name,
         "given": plain(rest),
         "code": code_digest(*CODE),
-        "libraries": _libraries(),
+        "libraries": libraries(),
     }
     found = kept(keep, made_of, make)
     return [_write(path.parent / name, content.tobytes()) for name, content in found.items()]
@@ -78,13 +74,6 @@ def _write(path: Path, content: bytes) -> Path:
     if not (path.is_file() and path.read_bytes() == content):
         write_atomically(path, lambda temporary: temporary.write_bytes(content))
     return path
-
-
-@cache
-def _libraries() -> str:
-    """Versions of what draws, and how the user has set it up."""
-    settings = {str(key): repr(value) for key, value in matplotlib.rcParams.items()}
-    return digest([{name: version(name) for name in LIBRARIES}, settings])
 
 
 def plain(value: Any) -> Any:

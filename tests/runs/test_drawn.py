@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from fl3d.reports.figures.curves import ap_over_cut
-from fl3d.reports.figures.style import save, write_data
+from fl3d.reports.figures.style import libraries, save, write_data
 from fl3d.reports.levels import Levels
 from fl3d.runs import drawn as module
 from fl3d.runs.drawn import drawn, plain
@@ -89,10 +89,10 @@ def test_whatever_it_shows_or_is_made_by_has_changed_it_is_drawn_again(
     with monkeypatch.context() as patched:
         patched.setattr(module, "code_digest", lambda *places: "another version")
         drawn(place, line, DATA, "one", path)
-    module._libraries.cache_clear()
+    libraries.cache_clear()
     with monkeypatch.context() as patched, matplotlib.rc_context({"lines.linewidth": 9}):
         drawn(place, line, DATA, "one", path)
-    module._libraries.cache_clear()
+    libraries.cache_clear()
     assert contents(drawn(place, line, DATA, "one", path)) == first
     assert len(DRAWN) == count + 4
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,7 @@ STYLE: Any = {
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
 }
+LIBRARIES = ("matplotlib", "numpy", "pandas", "pillow", "fonttools")  # that decide a file's bytes
 PURPLE, BLUE, ORANGE = (
     "#7b2d8b",
     "#1f5fbf",
@@ -40,6 +43,13 @@ METADATA = {
 COLUMN = 3.5  # inches: one column of a two-column page
 LEGEND_LETTERS = 17  # of a legend's 7 point font on an inch, measured on its widest labels
 LEGEND_HANDLE = 6  # letters that a legend's line and the gap behind it take
+
+
+@cache
+def libraries() -> dict[str, str]:
+    """Versions of the libraries that draw, and all of matplotlib's settings, which a user's own file may change."""
+    settings = {str(key): repr(value) for key, value in matplotlib.rcParams.items()}
+    return {name: version(name) for name in LIBRARIES} | settings
 
 
 def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")) -> list[Path]:
