@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from fl3d.commands.words import parser, read_words
+from fl3d.api.words import read_words
+from fl3d.commands.parsing import parser
 from fl3d.store.mlflow.ui import browse
 
 
@@ -15,7 +16,7 @@ def run(arguments: list[str]) -> None:
         help="where the store is, as of your sweeps: store.root=FOLDER (default: runs), or "
         "store.uri=postgresql://USER@HOST/NAME",
     )
-    options.add_argument("--port", type=int, default=5000, help="default: 5000")
+    options.add_argument("--port", type=int, help="default: 5000, or the next one that is free")
     given = options.parse_intermixed_args(arguments)
     store = read_words(given.overrides).settings.store
     browse(store.root, store.uri, given.port)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from PIL import Image
+from numpy.typing import NDArray
 
+from fl3d.data.kitti import KittiFolder
+from fl3d.data.pictures import read_picture
 from fl3d.evaluation.detections import read_detections
 from fl3d.reports.figures.boxes import Scene
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import RunFolder
+from fl3d.simulator.again import picture_again
 
 SHOWN = 3  # frames
 
@@ -30,7 +33,11 @@ def scenes_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> list[Scene]
     for index in np.argsort(-counts, kind="stable")[:SHOWN]:
         frame = kitti.frame(stored.frame_ids[index])
         found = stored.labels_of(index, frame.calibration, frame.image_size, sweep.protocol)
-        picture = kitti.path("image_2", frame.id)
-        image = np.asarray(Image.open(picture).convert("RGB")) if picture.exists() else None
-        scenes.append(Scene(frame, image, found, sweep.classes))
+        scenes.append(Scene(frame, _image(kitti, frame.id), found, sweep.classes))
     return scenes
+
+
+def _image(kitti: KittiFolder, frame_id: str) -> NDArray[np.uint8] | None:
+    """A frame's picture, that of a simulated one rendered now if need be; None where there is none."""
+    path = kitti.path("image_2", frame_id)
+    return read_picture(path) if path.exists() else picture_again(kitti.root, frame_id)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -108,8 +108,26 @@ def _row(row: Row, margin: float) -> tuple[Cell, ...]:
     return Cell(str(row["level"])), Cell(str(row["seeds"])), Cell(ap), Cell(gain), word
 
 
+def in_short(verdicts: pd.DataFrame, levels: Levels) -> str:
+    """What was found, on one line: levels with a verdict by name, the others by their number.
+
+    Args:
+        verdicts: see ``analysis.verdicts.verdicts``.
+        levels: of the sweep.
+    """
+    found = []
+    for group, own in verdicts.groupby("group"):
+        others = levels.sorted(own[own["verdict"] != Verdict.BASELINE])
+        named: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
+        for row in others.to_dict("records"):
+            named[Verdict(row["verdict"])].append(str(row["level"]))
+        parts = [_count(verdict, of, levels) for verdict, of in named.items() if of]
+        found.append(f"{group}: {', '.join(parts)}.")
+    return " ".join(found)
+
+
 def findings(verdicts: pd.DataFrame, levels: Levels, margin: float) -> list[str]:
-    """What was found, a sentence for each group; the verdicts' own words.
+    """What was found, a sentence for each group: verdicts with their gains, and what is next to be decided.
 
     Args:
         verdicts: see ``analysis.verdicts.verdicts``.
@@ -118,16 +136,40 @@ def findings(verdicts: pd.DataFrame, levels: Levels, margin: float) -> list[str]
     """
     found = []
     for group, own in verdicts.groupby("group"):
-        base = own[own["verdict"] == Verdict.BASELINE].iloc[0]
-        others = levels.sorted(own[own["verdict"] != Verdict.BASELINE])
-        ap = f"{base['ap']:.1f} [{base['ap_low']:.1f}, {base['ap_high']:.1f}]"
-        told = f"{group}, {base['metric']}: {ap} at {levels.text(levels.baseline)}"
+        rows = levels.sorted(own[own["verdict"] != Verdict.BASELINE]).to_dict("records")
         parts = [
-            f"{levels.text(str(row['level']))}: {gain_text(row, 1)} {verdict_text(row, margin)}"
-            for row in others.to_dict("records")
+            f"{levels.text(str(row['level']))} is {verdict_text(row, margin)} ({gain_text(row, 1)} AP)"
+            for row in rows
+            if Verdict(row["verdict"]).is_final
         ]
-        found.append("; ".join([told, *parts]) + ".")
+        parts += _open(rows, levels, margin)
+        base = f"{levels.text(levels.baseline)}, {own['metric'].iloc[0]}"
+        found.append(f"{group}, against {base}: {'; '.join(parts)}.")
     return found
+
+
+def _open(rows: Sequence[Row], levels: Levels, margin: float) -> list[str]:
+    """Levels without a verdict: how many, and the one that would need the fewest seeds."""
+    parts = []
+    undecided = [row for row in rows if row["verdict"] == Verdict.UNDECIDED]
+    known = [row for row in undecided if not math.isnan(row["more_seeds"])]
+    if undecided:
+        more = ""
+        if known:
+            next_one = min(known, key=lambda row: float(row["more_seeds"]))
+            words = verdict_text(next_one, margin).partition(", ")[2]
+            level = levels.text(str(next_one["level"]))
+            more = f", soonest decided {level} ({gain_text(next_one, 1)} AP): {words}"
+        parts.append(f"{len(undecided)} undecided{more}")
+    silent = sum(row["verdict"] == Verdict.NONE for row in rows)
+    return [*parts, f"{silent} without a verdict"] if silent else parts
+
+
+def _count(verdict: Verdict, labels: list[str], levels: Levels) -> str:
+    word = "without a verdict" if verdict is Verdict.NONE else str(verdict)
+    if verdict.is_final:
+        return f"{levels.text(', '.join(labels))} {word}"
+    return f"{len(labels)} {word}"
 
 
 def seeds_text(verdicts: pd.DataFrame) -> str:

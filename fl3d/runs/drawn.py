@@ -12,21 +12,26 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from functools import cache, partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ParamSpec
 
 import numpy as np
 import pandas as pd
 
+from fl3d.core.digests import digest
 from fl3d.core.files import write_atomically
-from fl3d.reports.figures.style import libraries
+from fl3d.reports.figures.style import Drawn, settings
 from fl3d.runs.kept import Arrays, code_digest, kept
 
 # What draws: the functions themselves, and what they ask for boxes, levels, verdicts and their words.
 CODE = ("core", "geometry", "data", "evaluation", "reports", "papers", "runs/drawn.py")
+LIBRARIES = ("matplotlib", "numpy", "pandas", "pillow", "fonttools")
 PATH = "path"  # argument of a function that draws: where, without ending
 
 P = ParamSpec("P")
+ToDraw = partial[Drawn] | partial[Drawn | None]
 
 
 def drawn(
@@ -47,24 +52,55 @@ def drawn(
     """
     bound = inspect.signature(figure).bind(*given, **named)
     path = Path(bound.arguments[PATH])
+    shown = {name: value for name, value in bound.arguments.items() if name != PATH}
+
+    def draw(at: Path) -> list[Path]:
+        bound.arguments[PATH] = at
+        return figure(*bound.args, **bound.kwargs)
+
+    return _read_or_draw(place, path, figure, shown, draw)
+
+
+def drawn_at(place: Callable[[str], Path | None], path: Path, figure: ToDraw) -> list[Path]:
+    """The same of a figure that is returned: nothing is written where there is none to draw.
+
+    Args:
+        place: see ``drawn``.
+        path: without ending.
+        figure: the function that draws, with its arguments.
+    """
+    shown = inspect.signature(figure.func).bind(*figure.args, **figure.keywords).arguments
+
+    def draw(at: Path) -> list[Path]:
+        made = figure()
+        return [] if made is None else made.write(at)
+
+    return _read_or_draw(place, path, figure.func, shown, draw)
+
+
+def _read_or_draw(
+    place: Callable[[str], Path | None],
+    path: Path,
+    figure: Callable[..., Any],
+    shown: Mapping[str, Any],
+    draw: Callable[[Path], list[Path]],
+) -> list[Path]:
     keep = place(path.name)
     if keep is None:
-        return figure(*given, **named)
+        return draw(path)
 
     def make() -> Arrays:
         with tempfile.TemporaryDirectory() as folder:
-            bound.arguments[PATH] = Path(folder) / path.name
-            written = figure(*bound.args, **bound.kwargs)
+            written = draw(Path(folder) / path.name)
             contents = {file.name: file.read_bytes() for file in written}
         return {name: np.frombuffer(one, dtype=np.uint8) for name, one in contents.items()}
 
-    rest = {name: value for name, value in bound.arguments.items() if name != PATH}
     made_of = {
         "figure": f"{figure.__module__}.{figure.__qualname__}",
         "name": path.name,
-        "given": plain(rest),
+        "given": plain(shown),
         "code": code_digest(*CODE),
-        "libraries": libraries(),
+        "libraries": _libraries(),
     }
     found = kept(keep, made_of, make)
     return [_write(path.parent / name, content.tobytes()) for name, content in found.items()]
@@ -74,6 +110,12 @@ def _write(path: Path, content: bytes) -> Path:
     if not (path.is_file() and path.read_bytes() == content):
         write_atomically(path, lambda temporary: temporary.write_bytes(content))
     return path
+
+
+@cache
+def _libraries() -> str:
+    """Versions of what draws, and how the user has set it up."""
+    return digest([{name: version(name) for name in LIBRARIES}, settings()])
 
 
 def plain(value: Any) -> Any:

@@ -216,9 +216,9 @@ class FinishedSweep:
             if trial.level != self.baseline or key not in self.factor
         )
 
-    def select(self, rule: str, best_among: str | None = None) -> pd.DataFrame:
+    def select(self, rule: str) -> pd.DataFrame:
         """The checkpoint that stands for each trial, see ``evaluation.selection.select``."""
-        return select(self.scores, rule, best_among or self.settings.best_among)
+        return select(self.scores, rule, self.settings.best_among)
 
     def steps(self, rule: str) -> dict[str, int]:
         """Step of the checkpoint that stands for each trial, by the trial's key."""

@@ -25,10 +25,13 @@ from fl3d.data.labels import read_labels, write_labels
 from fl3d.simulator import VERSION
 from fl3d.simulator.annotate import annotate
 from fl3d.simulator.camera import CALIBRATION, OTHERS, take_picture
+from fl3d.simulator.camera import Image as Pixels
 from fl3d.simulator.hdl64 import CAMERA_VIEW
 from fl3d.simulator.image_detector import NUMBERS, detect_in_image
 from fl3d.simulator.lidar import scan
 from fl3d.simulator.scene import random_scene
+from fl3d.simulator.site import Site
+from fl3d.simulator.solids import Solids
 
 CHUNK = 8  # frames that a worker takes at a time
 TRIES = 3  # to write all frames, where processes are killed
@@ -206,10 +209,9 @@ def _label(folder: Path, index: int) -> Path:
 
 def _write_frame(folder: Path, settings: Settings, index: int) -> None:
     """Write one frame; its label file comes last."""
-    rng = np.random.default_rng([settings.seed, index])
-    half_view = 180.0 if settings.whole_turn else CAMERA_VIEW
-    site = random_scene(rng, half_view, settings.people)
+    site, rng = _site(settings, index)
     solids = site.solids()
+    half_view = 180.0 if settings.whole_turn else CAMERA_VIEW
     returns = scan(solids, len(site.things), site.ground, rng, half_view)
     labels = annotate(site.things, returns, CALIBRATION, IMAGE_SIZE, rng)
     training, name = folder / "training", f"{index:06d}"
@@ -219,13 +221,30 @@ def _write_frame(folder: Path, settings: Settings, index: int) -> None:
         calib, partial(write_calibration, calibration=CALIBRATION, others=OTHERS), flush=False
     )
     if settings.pictures:
-        picture = take_picture(
-            solids, site.ground, np.random.default_rng([settings.seed, index, PICTURE_SEED])
-        )
+        picture = _picture(site, solids, settings, index)
         encoded = io.BytesIO()
         Image.fromarray(picture).save(encoded, "PNG", compress_level=1)
         _write_bytes(training / "image_2" / f"{name}.png", encoded.getvalue())
     write_atomically(_label(folder, index), partial(write_labels, labels=labels), flush=False)
+
+
+def picture_of(settings: Settings, index: int) -> Pixels:
+    """The picture (H, W, 3) of a frame, whether or not the folder holds any."""
+    site = _site(settings, index)[0]
+    return _picture(site, site.solids(), settings, index)
+
+
+def _site(settings: Settings, index: int) -> tuple[Site, np.random.Generator]:
+    """A frame's scene, and the generator that made it, with which it is looked at."""
+    rng = np.random.default_rng([settings.seed, index])
+    half_view = 180.0 if settings.whole_turn else CAMERA_VIEW
+    return random_scene(rng, half_view, settings.people), rng
+
+
+def _picture(site: Site, solids: Solids, settings: Settings, index: int) -> Pixels:
+    return take_picture(
+        solids, site.ground, np.random.default_rng([settings.seed, index, PICTURE_SEED])
+    )
 
 
 def _write_bytes(path: Path, content: bytes) -> None:

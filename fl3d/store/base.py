@@ -40,6 +40,13 @@ class Scored:
     values: Mapping[str, float]
 
 
+# What is drawn over steps is logged under names of its own as well, of each stage by one trial alone: a beginning that
+# seven levels share is one curve.
+CURVE = "curve/"
+CURVES = ("ap_3d/moderate", "ap_3d/easy", "ap_3d/hard", "ap_bev/moderate", "loss/total", "train/lr")
+STANDING = "standing"  # tag of a run: its group, level and verdict, by which the seeds of a level lie together
+
+
 def is_score(key: str) -> bool:
     """Whether a metric is one that tables are made of."""
     return key.startswith(("ap_", "recall_")) or key == "epoch"

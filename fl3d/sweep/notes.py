@@ -5,16 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fl3d.config.settings import Settings
+from fl3d.reports.render import to_markdown
+from fl3d.reports.table import Table
 from fl3d.runs.layout import StoreFolder
 from fl3d.sweep.plan import Plan
 
 
-def note(settings: Settings, findings: Sequence[str] = ()) -> str:
+def note(settings: Settings, short: str = "", tables: Sequence[Table] = ()) -> str:
     """What the store shows above a sweep's runs, as Markdown.
+
+    Its first line is all that is seen of it at first.
 
     Args:
         settings: of the sweep.
-        findings: what it has found so far, a sentence each.
+        short: what it has found so far, on that line.
+        tables: of verdicts.
     """
     words = (
         f"+sweep={settings.sweep.name}"
@@ -22,12 +27,14 @@ def note(settings: Settings, findings: Sequence[str] = ()) -> str:
         else f"sweep.name={settings.sweep.name}"
     )
     place = f"data={settings.data.name} profile={settings.profile}"
-    found = "".join(f"- {line}\n" for line in findings) + ("\n" if findings else "")
+    found = "".join(to_markdown(table) + "\n" for table in tables)
+    head = f"**{settings.sweep.question or 'Trials started by hand.'}** {short}".rstrip()
     return (
-        f"**{settings.sweep.question or 'Trials started by hand.'}**\n\n{found}"
+        f"{head}\n\n{found}"
         f"Tables: `python -m fl3d tables {words} {place}`; gains with intervals: `python -m fl3d gains` with the same "
-        f"words. One run is one trial; `ap_3d/moderate` over steps is its curve; the models *last* and *best* are what "
-        f"tables show; the tag *verdict* is its level's. Protocol {settings.protocol.id}."
+        "words. One run is one trial, and lies below its level; charts draw the mean over a level's seeds, and what "
+        "several levels share once, by the first of them; the models *last* and *best* are what tables show. "
+        f"Protocol {settings.protocol.id}."
     )
 
 

@@ -6,7 +6,7 @@ import json
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pandas as pd
@@ -18,7 +18,7 @@ from fl3d.evaluation.selection import MEAN_3D, RULES, select
 from fl3d.runs.checkpoints import load_state, read_marker, save_state
 from fl3d.runs.design import level_text
 from fl3d.runs.layout import RunFolder
-from fl3d.store.base import RunStatus, Scored, Store
+from fl3d.store.base import CURVE, CURVES, STANDING, RunStatus, Scored, Store
 from fl3d.sweep.identity import result_config
 from fl3d.sweep.scoreboard import Scoreboard
 from fl3d.sweep.sweepers.base import Standing, TrialState
@@ -83,6 +83,7 @@ class Recorder:
         self.subject = subject
         self.say = say
         self._runs: dict[str, _Run] = {}
+        self._draws: dict[str, str] = {}  # trial whose run has a stage's curve, by the stage
         self._models: set[tuple[str, str]] | None = (
             None  # that the store held when this start began
         )
@@ -163,9 +164,11 @@ class Recorder:
         # A run that is closed is not looked at again: it must hold every step.
         listed = self.scores.all_steps if standing.state is TrialState.DONE else self.scores.steps
         for key in trial.stages:
+            draws = self._draws.setdefault(key, trial.key) == trial.key
             for step in listed(key):
                 if step not in run.logged:
-                    self.store.log(run.id, self._scored(key, step))
+                    scored = self._scored(key, step)
+                    self.store.log(run.id, _with_curves(scored) if draws else scored)
                     run.logged.add(step)
         if standing.state is TrialState.DONE:
             if run.closed is not RunStatus.DONE:
@@ -199,6 +202,7 @@ class Recorder:
             "factor": ", ".join(self.subject.factor),
             "group": trial.group,
             "level": trial.level,
+            STANDING: f"{trial.group} {level_text(self.subject.factor, trial.level)}",
             "seed": str(trial.seed),
             "fl3d.overrides": " ".join(trial.overrides),
             "fl3d.stages": " ".join(trial.stages),
@@ -268,6 +272,12 @@ class Recorder:
         self.store.log_model(
             self.subject.experiment, run.id, rule, files, tags, aps, self.subject.dataset
         )
+
+
+def _with_curves(scored: Scored) -> Scored:
+    """Scores of a checkpoint, with what is drawn over steps under its own names too."""
+    drawn = {CURVE + name: scored.values[name] for name in CURVES if name in scored.values}
+    return replace(scored, values={**scored.values, **drawn})
 
 
 def run_name(trial: Trial, factor: Sequence[str]) -> str:

@@ -8,10 +8,19 @@ from typing import Any
 import pandas as pd
 
 from fl3d.evaluation.verdicts import Verdict
-from fl3d.reports.verdicts import findings, gain_text, verdict_text
+from fl3d.reports.verdicts import (
+    gain_text,
+    in_short,
+    seeds_text,
+    verdict_tables,
+    verdict_text,
+    verdict_word,
+)
 from fl3d.runs.finished import FinishedSweep, levels_of
-from fl3d.store.base import Store
+from fl3d.store.base import STANDING, Store
 from fl3d.sweep.notes import note
+
+LEFT_OUT = "left out"  # what the verdict of a run is whose trial the sweep has no longer
 
 
 def tag_verdicts(sweep: FinishedSweep, verdicts: pd.DataFrame, store: Store) -> None:
@@ -24,19 +33,25 @@ def tag_verdicts(sweep: FinishedSweep, verdicts: pd.DataFrame, store: Store) -> 
     """
     settings = sweep.settings
     margin = settings.sweep.margin
-    tags = {(row["group"], row["level"]): _tags(row, margin) for row in verdicts.to_dict("records")}
+    levels = levels_of(sweep)
+    rows = {(row["group"], row["level"]): row for row in verdicts.to_dict("records")}
     runs = sweep.runs(store)
     for trial in sweep.trials:
-        place = (trial.group, trial.level)
-        if trial.key in runs and place in tags:
-            store.set_tags(runs[trial.key], tags[place])
-    sentences = findings(verdicts, levels_of(sweep), margin)
-    store.experiment(settings.stored_as, note(settings, sentences))
+        row = rows.get((trial.group, trial.level))
+        if trial.key in runs and row is not None:
+            where = f"{trial.group} {levels.text(trial.level)}"
+            store.set_tags(runs[trial.key], _tags(row, margin, where))
+    for run in sorted(set(store.read(settings.stored_as)["run"]) - set(runs.values())):
+        text = f"{LEFT_OUT}: of an earlier start"
+        store.set_tags(run, {"verdict": LEFT_OUT, "verdict.text": text, STANDING: text, "gain": ""})
+    tables = verdict_tables(verdicts, levels, margin, (seeds_text(verdicts),))
+    store.experiment(settings.stored_as, note(settings, in_short(verdicts, levels), tables))
 
 
-def _tags(row: Mapping[Hashable, Any], margin: float) -> dict[str, str]:
+def _tags(row: Mapping[Hashable, Any], margin: float, where: str) -> dict[str, str]:
     is_baseline = row["verdict"] == Verdict.BASELINE
     return {
+        STANDING: f"{where}: {verdict_word(row)}",
         "verdict": str(row["verdict"]),  # one word, to search by: tags.verdict = "better"
         "verdict.text": verdict_text(row, margin),
         "verdict.metric": str(row["metric"]),

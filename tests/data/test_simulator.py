@@ -13,7 +13,9 @@ import fl3d.simulator.generate as simulator
 from fl3d.core.errors import DataError
 from fl3d.data.kitti import IMAGE_SIZE, KittiFolder
 from fl3d.data.labels import TYPES
+from fl3d.data.pictures import read_picture
 from fl3d.geometry.boxes import count_points_inside
+from fl3d.simulator.again import picture_again
 from fl3d.simulator.annotate import annotate, things_boxes
 from fl3d.simulator.camera import CALIBRATION, take_picture
 from fl3d.simulator.echoes import Returns
@@ -63,6 +65,25 @@ def test_same_settings_same_bytes_whatever_the_workers_and_interruptions(tmp_pat
     write_folder(cut, settings, workers=1)
     assert files(cut) == whole
     assert (cut / "training/label_2/000008.txt").stat().st_mtime_ns == kept
+
+
+def test_a_picture_that_was_not_written_is_the_one_that_would_have_been(tmp_path: Path) -> None:
+    for name, pictures in (("with", True), ("without", False)):
+        write_folder(tmp_path / name, Settings(1, 1, seed=3, pictures=pictures), workers=1)
+    written = read_picture(tmp_path / "with" / "training" / "image_2" / "000001.png")
+    again = picture_again(tmp_path / "without", "000001")
+    assert again is not None
+    assert np.array_equal(again, written)
+    assert picture_again(tmp_path / "without", "000002") is None  # no frame of the folder
+
+
+@pytest.mark.parametrize("manifest", [None, "torn", "[]", '{"simulator": 0, "train": 1, "val": 1}'])
+def test_of_a_folder_that_this_simulator_has_not_written_there_is_no_picture(
+    manifest: str | None, tmp_path: Path
+) -> None:
+    if manifest is not None:
+        (tmp_path / "manifest.json").write_text(manifest)
+    assert picture_again(tmp_path, "000000") is None
 
 
 # Of the bytes of 4 + 2 frames, seed 0: the published results were made from such frames. Another kind of processor may

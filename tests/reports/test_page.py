@@ -1,17 +1,29 @@
 """The page needs no network, and fits a phone."""
 
+import base64
+import io
 import re
 import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
+from PIL import Image
 
 from fl3d.reports.page import Section, folded, link, listing, page, paragraph, picture, preformatted
 from fl3d.reports.render import to_html
 from fl3d.reports.table import APS, Cell, Column, Table
 
-DOT = bytes.fromhex("89504e470d0a1a0a")
+
+def png(pixels: NDArray[np.uint8]) -> bytes:
+    held = io.BytesIO()
+    Image.fromarray(pixels).save(held, "PNG")
+    return held.getvalue()
+
+
+DOT = png(np.zeros((3, 5, 3), np.uint8))
 
 
 def wide_table() -> Table:
@@ -49,6 +61,36 @@ def test_the_page_is_self_contained_and_its_links_lead_somewhere() -> None:
     assert "a &amp; b" in text
     assert "1 &lt; 2" in text
     assert "viewport" in text
+
+
+def shown(image: bytes) -> NDArray[np.uint8]:
+    """What a browser makes of a picture on the page."""
+    (data,) = re.findall(r"src='data:image/webp;base64,([^']+)'", picture(image, ""))
+    with Image.open(io.BytesIO(base64.b64decode(data))) as opened:
+        return np.asarray(opened.convert("RGB"))
+
+
+def test_a_drawing_is_shown_to_the_bit_and_a_photograph_nearly_and_small() -> None:
+    drawing = np.full((60, 90, 3), 255, np.uint8)
+    drawing[20:22, 10:80] = (31, 95, 191)
+    assert np.array_equal(shown(png(drawing)), drawing)
+    rng = np.random.default_rng(0)
+    smooth = np.linspace(0, 200, 120)[:, None, None] + np.linspace(0, 40, 160)[None, :, None]
+    photograph = (smooth + rng.normal(0, 3, (120, 160, 3))).clip(0, 255).astype(np.uint8)
+    seen = shown(png(photograph))
+    assert not np.array_equal(seen, photograph)
+    assert np.abs(seen.astype(int) - photograph).mean() < 5
+    assert len(picture(png(photograph), "")) < len(png(photograph))
+
+
+def test_a_picture_keeps_its_place_while_the_page_loads() -> None:
+    assert "width='5' height='3'" in picture(DOT, "a dot")
+
+
+def test_the_page_has_colours_for_the_dark_and_none_of_them_on_paper() -> None:
+    text = a_page()
+    assert "color-scheme: light dark" in text
+    assert "@media screen and (prefers-color-scheme: dark)" in text
 
 
 def test_a_link_cannot_end_its_own_address() -> None:

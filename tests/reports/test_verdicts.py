@@ -12,6 +12,7 @@ from fl3d.reports.verdicts import (
     ONE_SEED,
     findings,
     gain_text,
+    in_short,
     seeds_text,
     verdict_tables,
     verdict_text,
@@ -115,17 +116,23 @@ def test_one_seed_claims_nothing() -> None:
     assert seeds_text(rows).startswith("Intervals over frames only, not training")
 
 
-def test_findings_are_the_verdicts_own_words() -> None:
-    fcn, voxelnet = findings(verdict_rows(GAMMAS), GAMMAS, 1.0)
-    assert fcn == voxelnet.replace("VoxelNet", "3D-FCN")
-    base, *others = voxelnet.removesuffix(".").split("; γ")
-    assert base == "VoxelNet, 3d_r40/moderate: 70.0 [68.0, 72.0] at γ = 0"
-    assert [other.partition(":")[0].strip() for other in others] == [
-        f"= {level}" for level in GAMMAS.labels[1:]
+def test_in_short_names_levels_with_a_verdict_and_counts_the_others() -> None:
+    text = in_short(verdict_rows(GAMMAS), GAMMAS)
+    of_each = "γ = 0.1 better, γ = 0.5 worse, γ = 1 equivalent, 1 undecided, 1 without a verdict."
+    assert text == f"3D-FCN: {of_each} VoxelNet: {of_each}"
+
+
+def test_findings_name_what_is_decided_and_what_would_be_next() -> None:
+    (told,) = findings(verdict_rows(GAMMAS, ("VoxelNet",)), GAMMAS, 1.0)
+    base, *parts = told.removesuffix(".").split("; ")
+    assert base == (
+        "VoxelNet, against γ = 0, 3d_r40/moderate: γ = 0.1 is better (+2.0 [+0.3, +3.7] AP)"
+    )
+    assert parts[1:] == [
+        "γ = 1 is equivalent within 1 AP (-0.1 [-0.8, +0.6] AP)",
+        "1 undecided, soonest decided γ = 2 (+0.5 [-2.0, +3.0] AP): about 4 more seeds",
+        "1 without a verdict",
     ]
-    assert "γ = 0.1: +2.0 [+0.3, +3.7] better" in voxelnet
-    assert "γ = 1: -0.1 [-0.8, +0.6] equivalent within 1 AP" in voxelnet
-    assert "γ = 2: +0.5 [-2.0, +3.0] undecided, about 4 more seeds" in voxelnet
 
 
 def test_over_how_many_seeds_intervals_reach() -> None:

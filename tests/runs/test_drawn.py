@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import matplotlib
@@ -11,10 +12,10 @@ import pandas as pd
 import pytest
 
 from fl3d.reports.figures.curves import ap_over_cut
-from fl3d.reports.figures.style import libraries, save, write_data
+from fl3d.reports.figures.style import save, write_data
 from fl3d.reports.levels import Levels
 from fl3d.runs import drawn as module
-from fl3d.runs.drawn import drawn, plain
+from fl3d.runs.drawn import drawn, drawn_at, plain
 from fl3d.runs.layout import StoreFolder
 
 LEVELS = Levels("gamma", ["0", "2"], "0")
@@ -89,10 +90,10 @@ def test_whatever_it_shows_or_is_made_by_has_changed_it_is_drawn_again(
     with monkeypatch.context() as patched:
         patched.setattr(module, "code_digest", lambda *places: "another version")
         drawn(place, line, DATA, "one", path)
-    libraries.cache_clear()
+    module._libraries.cache_clear()
     with monkeypatch.context() as patched, matplotlib.rc_context({"lines.linewidth": 9}):
         drawn(place, line, DATA, "one", path)
-    libraries.cache_clear()
+    module._libraries.cache_clear()
     assert contents(drawn(place, line, DATA, "one", path)) == first
     assert len(DRAWN) == count + 4
 
@@ -153,8 +154,12 @@ def test_a_figure_of_a_report_is_kept(place: Callable[[str], Path], tmp_path: Pa
         for level in LEVELS.labels
         for cut in (0.0, 0.5)
     ]
-    first = contents(drawn(place, ap_over_cut, pd.DataFrame(rows), LEVELS, tmp_path / "cut"))
+    first = contents(
+        drawn_at(place, tmp_path / "cut", partial(ap_over_cut, pd.DataFrame(rows), LEVELS))
+    )
     kept = place("cut").read_bytes()
-    again = contents(drawn(place, ap_over_cut, pd.DataFrame(rows), LEVELS, tmp_path / "cut"))
+    again = contents(
+        drawn_at(place, tmp_path / "cut", partial(ap_over_cut, pd.DataFrame(rows), LEVELS))
+    )
     assert first == again
     assert place("cut").read_bytes() == kept

@@ -18,6 +18,7 @@ from fl3d.store.mlflow import connection
 from fl3d.store.mlflow.condition import damage
 from fl3d.store.mlflow.connection import GuardedClient, database_url, reading_url
 from fl3d.store.mlflow.tracking import MlflowStore
+from fl3d.store.mlflow.view import tag_value
 from fl3d.store.opening import open_store
 
 TAGS = {"detector": "VoxelNet"}
@@ -220,9 +221,29 @@ def test_a_view_of_what_matters_can_be_opened_by_link(store: MlflowStore) -> Non
     view = json.loads(store.client.get_experiment(number).tags[f"mlflow.sharedViewState.{key}"])
     state = json.loads(view["state"])
     sections = {section["uuid"] for section in state["compareRunSections"]}
-    assert state["compareRunCharts"][0]["metricKey"] == "ap_3d/moderate"
+    assert state["compareRunCharts"][0]["metricKey"] == "curve/ap_3d/moderate"
+    assert state["groupBy"]["groupByKeys"] == [{"mode": "tag", "groupByData": "standing"}]
     assert {chart["metricSectionId"] for chart in state["compareRunCharts"]} == sections
     assert "Default" not in store.views()
+
+
+def test_runs_of_earlier_versions_are_grouped_and_drawn_by_what_they_have(
+    store: MlflowStore,
+) -> None:
+    """They have neither the tag nor the curves that are recorded today."""
+    number = store.experiment("earlier", "")
+    run = store.run(number, "trial", "p", "", {"group": "VoxelNet", "level": "2"}, {})
+    store.log(run, Scored(1, 0, {"ap_3d/moderate": 1.0}))
+    store.views()
+    (tag,) = (v for k, v in store.client.get_experiment(number).tags.items() if "sharedView" in k)
+    state = json.loads(json.loads(tag)["state"])
+    assert [key["groupByData"] for key in state["groupBy"]["groupByKeys"]] == ["group", "level"]
+    assert state["compareRunCharts"][0]["metricKey"] == "ap_3d/moderate"
+
+
+def test_mlflow_keeps_no_longer_view() -> None:
+    """Of a longer tag it keeps the beginning, which it cannot read."""
+    assert len(tag_value()) <= 5000
 
 
 def test_the_views_columns_are_tags_that_the_recorder_sets(store: MlflowStore) -> None:

@@ -173,7 +173,7 @@ def test_what_an_earlier_start_has_logged_is_not_logged_again(bench: Bench) -> N
 def test_a_score_carries_its_checkpoints_time_and_what_training_told(bench: Bench) -> None:
     bench.checkpoint("warmup", 4)
     bench.sync(RUNNING, RUNNING)
-    scored = bench.run(0).scores[4]
+    scored = bench.run(1).scores[4]
     assert scored.time_ms == 1004  # the same row, whenever it is logged
     assert scored.values == {
         "ap_3d/easy": 20.0,
@@ -187,6 +187,18 @@ def test_a_score_carries_its_checkpoints_time_and_what_training_told(bench: Benc
     }
 
 
+def test_a_shared_beginning_is_one_curve(bench: Bench) -> None:
+    """Its scores belong to every trial; what is drawn over steps has them once."""
+    bench.trained()
+    bench.sync(TrialState.DONE, TrialState.DONE)
+    name = "curve/ap_3d/moderate"
+    drawn = [
+        {step: one.values[name] for step, one in bench.run(n).scores.items() if name in one.values}
+        for n in (0, 1)
+    ]
+    assert drawn == [VALUES, {6: 50.0, 8: 30.0}]
+
+
 def test_a_run_says_what_its_trial_is(bench: Bench) -> None:
     bench.sync(RUNNING, RUNNING)
     run = bench.run(1)
@@ -197,6 +209,7 @@ def test_a_run_says_what_its_trial_is(bench: Bench) -> None:
         "factor": "loss.gamma",
         "group": "VoxelNet",
         "level": "2",
+        "standing": "VoxelNet gamma=2",
         "seed": "3",
         "fl3d.overrides": "detector=voxelnet loss.gamma=2",
         "fl3d.stages": "warmup focal-2",

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fl3d.analysis.found import sweep_verdicts
-from fl3d.commands.train import tell_verdicts
+from fl3d.api.training import tell_verdicts
 from fl3d.runs.finished import FinishedSweep
 from fl3d.store.base import Scored
 from fl3d.store.memory import MemoryRun, MemoryStore
@@ -49,10 +49,35 @@ def test_every_run_is_tagged_with_its_levels_verdict(
         assert tags["verdict.seeds"] == str(len(seeds))
         assert tags["verdict.metric"] == "3d_r40/moderate"
         assert tags["gain"].startswith("" if trial.level == "0" else "-")
-    note = store.notes[sweep.settings.experiment]
-    assert "γ = 2: -" in note
-    assert ("worse" if len(seeds) > 1 else "frames only, not training") in note
-    assert "python -m fl3d gains" in note  # what stood there before stays
+        told = "frames only" if word == "none" else word
+        assert (
+            tags["standing"]
+            == {
+                "0": "VoxelNet γ = 0: baseline",
+                "2": f"VoxelNet γ = 2: {told}",
+            }[trial.level]
+        )
+    first, *rest = store.notes[sweep.settings.experiment].splitlines()
+    short = "1 without a verdict" if word == "none" else "γ = 2 worse"
+    assert first.endswith(f" VoxelNet: {short}.")
+    (row,) = (line for line in rest if line.startswith("| 2 |"))
+    assert ("worse" if len(seeds) > 1 else "frames only, not training") in row
+    assert "python -m fl3d gains" in "\n".join(rest)  # what stood there before stays
+
+
+def test_runs_of_an_earlier_start_keep_no_verdict(simulated: Path, tmp_path: Path) -> None:
+    """They would be drawn and found among those of the sweep as it is."""
+    points = [[f"loss.gamma={gamma}", "seed=0"] for gamma in (0, 2)]
+    sweep = detected_sweep(simulated, tmp_path, points, lambda trial: 0.0, "detector=voxelnet")
+    store = stored(sweep, tmp_path)
+    before = {"verdict": "worse", "gain": "-4.1", "standing": "VoxelNet γ = 5: worse"}
+    other = store.run(sweep.settings.experiment, "other", sweep.protocol.id, "", before, {})
+    store.log(other, Scored(1, 0, {"epoch": 1.0}))
+    tag_verdicts(sweep, sweep_verdicts(sweep, n_resamples=50), store)
+    tags = store.runs[other].tags
+    assert tags["verdict"] == "left out"
+    assert tags["standing"] == "left out: of an earlier start"
+    assert tags["gain"] == ""
 
 
 def test_a_sweep_whose_detections_cannot_be_read_ends_with_a_line_and_no_verdict(

@@ -12,7 +12,7 @@ from fl3d.data.voxels import occupancy
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.detectors.voxelnet import VoxelNet
 from fl3d.inference.load import build_detector
-from fl3d.papers.focal_loss.claim import Claim
+from fl3d.papers.claim import Claim
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.kept import Arrays, code_digest, kept
 from fl3d.runs.layout import StoreFolder

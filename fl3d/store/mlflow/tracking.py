@@ -36,7 +36,7 @@ from mlflow.exceptions import MlflowException
 from fl3d.core.errors import StoreError, Unwritable
 from fl3d.core.files import check_writable
 from fl3d.core.leases import leased
-from fl3d.store.base import RunStatus, Scored, Store
+from fl3d.store.base import CURVE, CURVES, STANDING, RunStatus, Scored, Store
 from fl3d.store.mlflow.condition import check_owner, other_version
 from fl3d.store.mlflow.moved import ARTIFACTS, artifact_location, mend_locations
 from fl3d.store.mlflow.reading import read_database, read_server
@@ -196,7 +196,12 @@ class MlflowStore(Store):
         """Name and link, from the UI's root, of each experiment, each with a view of what matters."""
         found = [one for one in self.client.search_experiments() if one.name != "Default"]
         for one in found:
-            self.client.set_experiment_tag(one.experiment_id, VIEW_TAG, tag_value())
+            newest = self.client.search_runs([one.experiment_id], max_results=1)
+            # Runs of fl3d 0.1 have neither.
+            has_standing = all(STANDING in run.data.tags for run in newest)
+            has_curves = all(CURVE + CURVES[0] in run.data.metrics for run in newest)
+            view = tag_value(has_standing, has_curves)
+            self.client.set_experiment_tag(one.experiment_id, VIEW_TAG, view)
         return {
             one.name: link(one.experiment_id)
             for one in sorted(found, key=lambda one: str(one.name))

@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
-import signal
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 from fl3d.core.errors import ConfigError, StoreError
+from fl3d.store.mlflow.moved import ARTIFACTS
+from fl3d.store.mlflow.server import serve
 from fl3d.store.mlflow.tracking import MlflowStore
 
 HOST = "127.0.0.1"  # MLflow's server asks for no password: nobody else shall reach it
+PORT = 5000  # MLflow's own
+NEXT_PORTS = range(PORT + 1, PORT + 100)  # tried in this order, so that links mostly stay the same
 PORTS = range(1, 65536)
-GRACE_SECONDS = 5.0  # for the server to end by itself
 
 
-def browse(root: Path, uri: str | None, port: int) -> None:
-    """Print links to all sweeps of a store, and serve it until Ctrl-C.
+def browse(root: Path, uri: str | None, port: int | None) -> None:
+    """Print links to all sweeps of a store, and serve it until Ctrl-C, in this process.
 
     A store that is a server serves itself: only the links are printed.
 
     Args:
         root: of the store.
         uri: of another store, see ``MlflowStore``; None: the default one below ``root``.
-        port: to serve at.
+        port: to serve at; None: 5000, or another where that is in use.
 
     Raises:
         ConfigError: the port cannot be had.
-        StoreError: there is no store yet, or MLflow's server has failed.
+        StoreError: there is no store yet.
         StoreDown: it cannot be reached.
     """
     store = MlflowStore(root, uri)
@@ -40,36 +39,19 @@ def browse(root: Path, uri: str | None, port: int) -> None:
         return
     if not store.exists:
         raise StoreError(
-            f"{root}: there is no store yet; run a sweep first, such as: make sweep-gamma"
+            f"{root}: there is no store yet; run a sweep first, such as: python -m fl3d -m +sweep=gamma"
         )
-    check_port(port)
-    print_links(store, f"http://{HOST}:{port}")
-    print("Ctrl-C ends it.", flush=True)
-    command = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", store.uri]
-    code = serve([*command, "--host", HOST, "--port", str(port)])
-    if code:
-        raise StoreError(f"MLflow's server ended with exit code {code}; what it printed says why")
+    with free_port() if port is None else take_port(port) as listening:
+        own = int(listening.getsockname()[1])
+        if port is None and own != PORT:
+            print(f"Port {PORT} is in use; this is port {own}.")
+        print_links(store, f"http://{HOST}:{own}")
+        print("Ctrl-C ends it.", flush=True)
+        serve(store.uri, store.root / ARTIFACTS, listening)
 
 
-def serve(command: list[str]) -> int:
-    """Run a server to its end, or to this process's: then all of its processes end; its exit code."""
-    with subprocess.Popen(command, start_new_session=True) as server:
-        try:
-            return server.wait()
-        finally:
-            _end(server)
-
-
-def _end(server: subprocess.Popen[bytes]) -> None:
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(server.pid, signal.SIGTERM)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            server.wait(GRACE_SECONDS)
-        os.killpg(server.pid, signal.SIGKILL)
-
-
-def check_port(port: int) -> None:
-    """See that a port can be served at.
+def take_port(port: int) -> socket.socket:
+    """A socket that is bound to a port.
 
     Raises:
         ConfigError: it is in use, kept for others, or none; naming one that is free.
@@ -77,20 +59,34 @@ def check_port(port: int) -> None:
     if port not in PORTS:
         raise ConfigError(f"--port {port}: a port is a number from 1 to {PORTS[-1]}")
     try:
-        _bind(port)
+        return _bound(port)
     except OSError as error:
         why = "in use" if error.errno == errno.EADDRINUSE else os.strerror(error.errno or 0)
-        raise ConfigError(
-            f"--port {port}: {why}. Give another, such as --port {_bind(0)}"
-        ) from None
+        with free_port() as other:
+            free = other.getsockname()[1]
+        raise ConfigError(f"--port {port}: {why}. Give another, such as --port {free}") from None
 
 
-def _bind(port: int) -> int:
-    """Take a port for a moment, 0: any that is free; which it was."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        probe.bind((HOST, port))
-        return int(probe.getsockname()[1])
+def free_port() -> socket.socket:
+    """A socket that is bound to MLflow's own port, or to the next one that is free."""
+    for port in (PORT, *NEXT_PORTS):
+        try:
+            return _bound(port)
+        except OSError:
+            continue
+    return _bound(0)  # any
+
+
+def _bound(port: int) -> socket.socket:
+    bound = socket.socket()
+    try:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.bind((HOST, port))
+        bound.listen()  # before this, two could bind to it
+    except OSError:
+        bound.close()
+        raise
+    return bound
 
 
 def print_links(store: MlflowStore, address: str) -> None:
