@@ -101,6 +101,23 @@ def test_evaluate_loads_no_more_than_it_needs(tmp_path: Path) -> None:
     assert not loaded_by(code, labels, results) & others
 
 
+def test_what_evaluate_finds_is_a_table_and_nothing_to_count_is_an_error(tmp_path: Path) -> None:
+    from fl3d.api.evaluation import NothingToCount
+
+    labels, results, none = (tmp_path / name for name in ("label_2", "results", "none"))
+    line = "Car 0 0 0 100 100 200 200 1.5 1.6 4 0 1.7 10 0"
+    for folder, text in ((labels, line), (results, f"{line} 0.9"), (none, f"Tram{line[3:]}")):
+        folder.mkdir()
+        (folder / "000000.txt").write_text(text + "\n")
+    table = fl3d.evaluate(labels, results).table
+    cars = table[(table["class"] == "Car") & (table["metric"] == "3d")]
+    assert cars["n_gt"].tolist() == [1, 1, 1]
+    assert cars["ap_r11"].tolist() == [100.0, 100.0, 100.0]
+    assert table[table["class"] == "Cyclist"]["ap_r40"].isna().all()
+    with pytest.raises(NothingToCount):
+        fl3d.evaluate(none, results)
+
+
 def test_compare_loads_nothing_of_the_extras() -> None:
     assert not loaded_by("import fl3d\nfl3d.compare") & set(OF_TRAIN)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fl3d.core.errors import DataError
 from fl3d.data.label_table import read_table
@@ -12,6 +14,9 @@ from fl3d.evaluation.average_precision import Curves, compare, evaluate
 from fl3d.evaluation.counts import LabelCounts, ResultCounts, count_labels, count_results
 from fl3d.evaluation.frames import LABEL_FIELDS, Choice, choose_frames, read_results
 from fl3d.evaluation.protocol import Protocol
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,20 @@ class Evaluated:
     labels: LabelCounts
     results: ResultCounts
     label_fields: int = LABEL_FIELDS
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row a class, metric and difficulty: ``ap_r11`` and ``ap_r40`` in percent, NaN where ``n_gt`` is 0."""
+        import pandas as pd  # late: the command prints without it
+
+        rows = []
+        for name, metrics in self.curves.items():
+            for metric, levels in metrics.items():
+                for difficulty, curve in levels.items():
+                    aps = (curve.ap_r11, curve.ap_r40) if curve.n_gt else (math.nan, math.nan)
+                    rows.append([name, metric, difficulty, *aps, curve.n_gt])
+        columns = ["class", "metric", "difficulty", "ap_r11", "ap_r40", "n_gt"]
+        return pd.DataFrame(rows, columns=columns)
 
 
 def evaluate_folder(
