@@ -85,11 +85,8 @@ def picture(image: bytes, caption: str) -> str:
     size = (
         f"width='{pixels.width}' height='{pixels.height}'"  # the page stands still while it loads
     )
-    return (
-        f"<figure><div class='scroll'><img alt='{text}' {size} decoding='async' "
-        f"src='data:image/webp;base64,{data}'></div>"
-        f"<figcaption>{text}</figcaption></figure>"
-    )
+    shown = f"<img alt='{text}' {size} decoding='async' src='data:image/webp;base64,{data}'>"
+    return f"<figure><div class='scroll'>{shown}</div><figcaption>{text}</figcaption></figure>"
 
 
 def _small(pixels: Image.Image) -> bytes:
