@@ -1,10 +1,10 @@
 # fl3d: `make help` lists what there is. Everything runs in .venv, which is made at first use.
-# Options: DATA=simulated|simulated_people|kitti_sample|kitti  KITTI=folder  PROFILE=quick|tiny|standard|paper  SEEDS=5  ARGS="any Hydra overrides"
+# Options: DATA=simulated|simulated_people|kitti_sample|kitti (else the sweep's own, most often simulated)  KITTI=folder  PROFILE=quick|tiny|standard|paper  SEEDS=5  ARGS="any Hydra overrides"
 # PIP_ARGS goes to pip, such as --find-links FOLDER for a torch wheel of your own (the usual one brings CUDA along).
 
 PYTHON ?= python3
 PROFILE ?= quick
-DATA ?= simulated
+DATA ?=
 KITTI ?=
 FRAMES ?=
 SEEDS ?=
@@ -12,11 +12,11 @@ SWEEP ?= gamma
 ARGS ?=
 PIP_ARGS ?=
 BIN := .venv/bin
-OVERRIDES = data=$(DATA) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(if $(SEEDS),seeds=$(SEEDS)) $(ARGS)
+OVERRIDES = $(if $(DATA),data=$(DATA)) profile=$(PROFILE) $(if $(KITTI),data.root=$(KITTI)) $(if $(SEEDS),seeds=$(SEEDS)) $(ARGS)
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: help install sweep-% sweep-pointrcnn sweep-frustum sweep-report plan tables gains figures report publish ui check format test test-slow test-slurm test-ray test-postgres bench clean
+.PHONY: help install sweep-% sweep-pointrcnn sweep-frustum sweep-report plan tables gains figures report publish ui docs check format test test-slow test-slurm test-ray test-postgres bench clean
 
 help:  ## list the targets
 	@echo "Targets (options: DATA=simulated|simulated_people|kitti_sample|kitti KITTI=folder PROFILE=quick|tiny|standard|paper SEEDS=5 ARGS='...'):"
@@ -40,9 +40,9 @@ POINTRCNN := default batch alpha bins rcnn
 sweep-pointrcnn: .venv/installed  ## the report's sweeps of PointRCNN, each keeping the winner before: Tables R1 to R5
 	for name in $(POINTRCNN); do $(MAKE) --no-print-directory sweep-pointrcnn_$$name || exit 1; done
 
-FRUSTUM := batch slabs alpha weights final
+FRUSTUM := batch slabs alpha weights final resolutions
 
-sweep-frustum: .venv/installed  ## the report's sweeps of Frustum ConvNet: Table R6, and with PointRCNN's R7
+sweep-frustum: .venv/installed  ## the report's sweeps of Frustum ConvNet: Table R6, Figure 5, and with PointRCNN's R7
 	for name in $(FRUSTUM); do $(MAKE) --no-print-directory sweep-frustum_$$name || exit 1; done
 
 sweep-report: sweep-pointrcnn sweep-frustum  ## everything of the report
@@ -67,6 +67,10 @@ publish: .venv/installed  ## make results/DATA-PROFILE anew, which the project c
 
 ui: .venv/installed  ## browse every checkpoint in MLflow, on this machine alone
 	$(BIN)/python -m fl3d ui
+
+docs: .venv/installed  ## build the site, which needs no network: site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "Written to site/index.html; with its search: python3 -m http.server --directory site"
 
 check: .venv/installed  ## lint, types, and that imports only go down
 	$(BIN)/ruff check .

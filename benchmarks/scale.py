@@ -2,10 +2,10 @@
 
     python benchmarks/scale.py [--trials 1000 10000 100000]
 
-Nothing is trained: stages end as soon as they are started, and leave the files of one checkpoint behind. Stores are in
-memory, for what MLflow takes is in benchmarks/store.py; pictures of trials are left out. Times are CPU milliseconds a
-trial, of this process; what writing the files of the stages takes is measured beside and taken off. A trial has two
-stages; the first is shared by all of a seed, and each seed has 100 levels.
+Nothing is trained: stages end as soon as they are started, and leave the files of one checkpoint behind. The store
+keeps nothing, for what MLflow takes is in benchmarks/store.py; pictures of trials are left out. Times are CPU
+milliseconds a trial, of this process; what writing the files of the stages takes is measured beside and taken off. A
+trial has two stages; the first is shared by all of a seed, and each seed has 100 levels.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ import argparse
 import resource
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+
+import pandas as pd
 
 from benchmarks.told import tell
 from fl3d.config.compose import multirun
@@ -26,7 +28,7 @@ from fl3d.evaluation.protocol import Protocol
 from fl3d.runs.checkpoints import write_marker
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import read_spec, write_done, write_scores
-from fl3d.store.memory import MemoryStore
+from fl3d.store.base import RunStatus, Scored, Store
 from fl3d.sweep import run, setup
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
 from fl3d.sweep.setup import Prepared, prepare_sweep
@@ -43,7 +45,8 @@ def main() -> None:
     parser.add_argument("--trials", type=int, nargs="+", default=[1000, 10_000])
     arguments = parser.parse_args()
     run.POLL_SECONDS = 0.0
-    setup.draw_frame_with_most_cars = lambda *_: lambda *_: []  # type: ignore[assignment]
+    assert hasattr(setup, "draw_frame_with_most_objects")
+    setup.draw_frame_with_most_objects = lambda *_: lambda *_: []  # type: ignore[assignment]
     with tempfile.TemporaryDirectory() as name:
         measure(LEVELS, Path(name) / "warm")  # the data are simulated, and modules loaded
         rows = [measure(trials, Path(name) / str(trials)) for trials in arguments.trials]
@@ -57,11 +60,12 @@ def measure(trials: int, work: Path) -> dict[str, float]:
     with timed("planning", spent):
         prepared = plan(trials, work)
     planned = memory()
-    launcher = Fake(prepared)
+    launcher, store = Fake(prepared), Forgetful()
     with timed("running", spent):
-        ran = run.run_sweep(prepared, launcher, Forgetful(work), say=lambda line: None)
+        ran = run.run_sweep(prepared, launcher, store, say=lambda line: None)
     spent["running"] -= launcher.seconds
     assert len(ran.outcome.trained) == len(prepared.plan.stages)
+    assert store.finished == trials
     row = {"trials": trials, "stages": len(prepared.plan.stages)}
     row |= {f"{name} ms": round(1000 * value / trials, 3) for name, value in spent.items()}
     row["planned KiB"] = round((planned - before) / trials, 2)
@@ -80,15 +84,61 @@ def plan(trials: int, work: Path) -> Prepared:
     return prepare_sweep(sweeper)
 
 
-class Forgetful(MemoryStore):
-    """Keeps no scores, as a database does outside the process."""
+class Forgetful(Store):
+    """Keeps nothing, as one does outside whose process the database is; counts the runs that are finished."""
 
-    def log(self, run: str, scored: object) -> None:
+    exists = True
+    is_for_one_machine = True
+
+    def __init__(self) -> None:
+        self.finished = 0
+
+    def open(self) -> None:
+        """Nothing is needed."""
+
+    def experiment(self, name: str, note: str) -> str:
+        """It is called by its name."""
+        return name
+
+    def run(self, experiment: str, trial: str, *_: object) -> str:
+        """It is called by its trial."""
+        return f"{experiment}/{trial}"
+
+    def log(self, run: str, scored: Scored) -> None:
         """Nothing is kept."""
 
-    def run(self, experiment, trial, protocol, name, tags, params):  # type: ignore[no-untyped-def]
-        """Parameters and tags are not kept."""
-        return super().run(experiment, trial, protocol, name, {}, {})
+    def logged_steps(self, run: str) -> set[int]:
+        """None."""
+        return set()
+
+    def link_dataset(self, run: str, name: str, digest: str, root: Path) -> None:
+        """Nothing is kept."""
+
+    def log_model(self, experiment: str, run: str, name: str, *_: object) -> str:
+        """It is called by its run."""
+        return f"{run}/{name}"
+
+    def models(self, experiment: str) -> set[tuple[str, str]]:
+        """None."""
+        return set()
+
+    def log_files(self, run: str, files: Iterable[Path], folder: str) -> None:
+        """Nothing is kept."""
+
+    def set_tags(self, run: str, tags: Mapping[str, str]) -> None:
+        """Nothing is kept."""
+
+    def is_finished(self, run: str) -> bool:
+        """None was before."""
+        return False
+
+    def end(self, run: str, status: RunStatus) -> None:
+        """Count it."""
+        self.finished += status is RunStatus.DONE
+
+    def read(self, experiment_name: str) -> pd.DataFrame:
+        """Nothing was kept."""
+        return pd.DataFrame()
 
 
 class Fake(Launcher):

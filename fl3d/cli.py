@@ -10,6 +10,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from fl3d.commands.parsing import COMMANDS, overview
+from fl3d.config.places import search_also
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core import interrupts, streams
 from fl3d.core.errors import (
@@ -22,33 +24,14 @@ from fl3d.core.errors import (
     Unwritable,
     options,
 )
+from fl3d.core.extras import lacking
+from fl3d.core.loading import uncollected
 
 # One thread a process: two processes of one thread are faster than one of two. The libraries read
 # this when they are loaded, so it is set before any command is imported.
 for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-# Each is a file in fl3d/commands.
-COMMANDS = (
-    "plan",
-    "tables",
-    "figures",
-    "report",
-    "gains",
-    "rescore",
-    "why",
-    "verify",
-    "clean",
-    "check",
-    "evaluate",
-    "compare",
-    "simulate",
-    "predict",
-    "ui",
-    "stage",
-    "publish",
-    "import",
-)
 CONFIG_DIR = ("--config-dir", "-cd")
 MISTAKE = 2  # exit code of what was asked or given wrongly, as argparse's own
 FAILED = 1  # of what failed while it ran
@@ -64,6 +47,7 @@ REFUSALS = (
 )
 TRAIN = "train"  # what runs where no command is named
 RESUMING = (TRAIN, "import", "simulate", "stage")  # what was interrupted goes on where it was
+HELP = (["--help"], ["-h"])
 # Hydra's options.
 MULTIRUN = {"-m", "--multirun"}
 LOOKS = {"--help", "-h", "--hydra-help", "--cfg", "-c", "--info", "-i"}  # nothing is trained
@@ -94,14 +78,24 @@ def _run(typed: list[str]) -> None:
     """
     name = TRAIN
     try:
-        name, rest = _split(_with_config_dir(typed))
+        typed = _with_config_dir(typed)
+        if typed in HELP:  # of fl3d itself; Hydra's has its words
+            print(overview())
+            return
+        name, rest = _split(typed)
         rest = _with_detectors(_with_seeds(name, rest))
-        command = importlib.import_module(f"fl3d.commands.{name}")
+        with uncollected():
+            command = importlib.import_module(f"fl3d.commands.{name}")
         if name != TRAIN:  # Hydra loads more
             interrupts.loaded()
         command.run(rest)
     except Fl3dError as error:
         raise ended(f"fl3d: {error}", FAILED if isinstance(error, FAILURES) else MISTAKE) from None
+    except ModuleNotFoundError as error:
+        why = lacking(error)
+        if why is None:
+            raise
+        raise ended(f"fl3d: {name} {why}", MISTAKE) from None
     except KeyboardInterrupt as error:
         number = error.number if isinstance(error, interrupts.Interrupted) else signal.SIGINT
         again = "run the same command " + ("to resume" if name in RESUMING else "again")
@@ -144,8 +138,7 @@ def _with_config_dir(typed: list[str]) -> list[str]:
         if given:
             raise ConfigError(f"--config-dir {given} and {folder}: one folder alone can be given")
         given = folder
-        # Imported late: it brings Hydra along.
-        importlib.import_module("fl3d.config.places").search_also(Path(folder))
+        search_also(Path(folder))
     return rest
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fl3d.commands.train import train
+from fl3d.api.training import train
 from fl3d.config.compose import CONF, compose_config
 from fl3d.runs.plans import read_plan
 from fl3d.sweep.sweepers.grid import Listed, point_of

@@ -1,13 +1,16 @@
 """No published number outlives its code: trial keys of committed scores are those that the code plans today."""
 
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from fl3d.commands.publish import SWEEPS, stamped, words_of
-from fl3d.commands.words import PUBLISHED, read_words
+from fl3d.api.words import read_words
+from fl3d.commands.publish import SWEEPS, by_folder, stamped, words_of
 from fl3d.config.compose import CONF
 from fl3d.config.objects import build
+from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import read_settings
 from fl3d.runs.plans import read_plan
 from fl3d.simulator import VERSION
@@ -41,6 +44,27 @@ def test_published_trials_are_those_that_the_code_plans_today(file: Path, tmp_pa
     planned = planner.plan(sweeper.first())
     assert [trial.key for trial in read_plan(file).trials] == [
         trial.key for trial in planned.trials
+    ]
+
+
+def test_a_sweep_is_published_with_those_on_the_same_data() -> None:
+    """A folder is emptied before: that of one kind of data must not be taken for another's."""
+    names = ["gamma", "gamma_pedestrian", "loss_form"]
+    own, people = by_folder(names, [f"results={PUBLISHED}"]).items()
+    assert own == (PUBLISHED / "simulated-quick", ["gamma", "loss_form"])
+    assert people == (PUBLISHED / "simulated_people-quick", ["gamma_pedestrian"])
+    on_kitti = by_folder(names, [f"results={PUBLISHED}", "data=kitti"])
+    assert on_kitti == {PUBLISHED / "kitti-quick": names}
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make")
+@pytest.mark.parametrize("given", [[], ["DATA=kitti"]])
+def test_make_leaves_a_sweep_its_own_data_unless_others_are_given(given: list[str]) -> None:
+    asked = ["make", "--dry-run", "-C", str(CONF.parent), "sweep-gamma_pedestrian", *given]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True)
+    [trained] = [line for line in done.stdout.splitlines() if "+sweep=gamma_pedestrian" in line]
+    assert [word for word in trained.split() if word.startswith("data=")] == [
+        word.lower() for word in given
     ]
 
 

@@ -1,8 +1,9 @@
-"""Windows of several checkpoints, in one pass over the frames, are those of each alone."""
+"""Windows of several checkpoints, and of several frames at once, are those of each alone."""
 
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 
 from fl3d.config.compose import compose_config
@@ -13,9 +14,9 @@ from fl3d.inference.load import build_detector
 from fl3d.inference.windows import collect_windows
 
 
-def network(seed: int) -> Detector:
+def network(seed: int, name: str = "voxelnet") -> Detector:
     torch.manual_seed(seed)
-    return build_detector(compose_config(["detector=voxelnet", "profile=tiny"]))
+    return build_detector(compose_config([f"detector={name}", "profile=tiny"]))
 
 
 def test_several_networks_give_what_each_gives_alone(simulated: Path) -> None:
@@ -32,3 +33,24 @@ def test_several_networks_give_what_each_gives_alone(simulated: Path) -> None:
         assert len(found.positive) <= 4
         assert len(found.negative) == 300
     assert not np.array_equal(together[0].negative, together[1].negative)
+
+
+@pytest.mark.parametrize("name", ["voxelnet", "fcn3d"])
+def test_frames_at_once_have_the_windows_of_each_in_their_order(name: str, simulated: Path) -> None:
+    """Up to rounding; three frames in batches of two, so that the last has one."""
+    folder = KittiFolder(simulated)
+    frames = Frames(folder, folder.split("train")[:3], 0)
+    one, two = (collect_windows([network(0, name)], frames, batch_size=n)[0] for n in (1, 2))
+    assert one.frames == two.frames == 3
+    assert len(one.positive) > 0
+    np.testing.assert_allclose(two.positive, one.positive, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(two.negative, one.negative, rtol=0, atol=1e-4)
+
+
+def test_negatives_are_sampled_of_each_batch_as_many_as_its_frames_may_have(
+    simulated: Path,
+) -> None:
+    folder = KittiFolder(simulated)
+    frames = Frames(folder, folder.split("train")[:3], 0)
+    (found,) = collect_windows([network(0)], frames, batch_size=2, most_negative=300)
+    assert len(found.negative) == 300

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from fl3d.commands.train import train
+from fl3d.api.training import train
 from fl3d.config.compose import CONF, compose_config
 from fl3d.config.places import search_also
 from fl3d.core.leases import holder_of

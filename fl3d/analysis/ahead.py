@@ -56,7 +56,7 @@ def contribution_jobs(
     Args:
         place: of the sweep.
         sweep: the sweep.
-        rules: which of the trials' checkpoints are resampled: ``last``, ``best``.
+        rules: by which the trials' checkpoints are chosen that are resampled.
         curves: whether curves and halves are wanted too.
     """
     contributions = Contributions(sweep)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fl3d.analysis import MARGIN
 from fl3d.analysis.comparable import PRIMARY, comparable_classes, notes_on, primary_view
 from fl3d.analysis.gains import is_one_step
 from fl3d.analysis.result_folders import Held
@@ -26,7 +27,6 @@ from fl3d.evaluation.bootstrap import N_RESAMPLES
 from fl3d.evaluation.intervals import Interval, Sample, interval, joint_intervals
 from fl3d.evaluation.verdicts import FEWEST
 
-MARGIN = 1.0  # AP; as conf/config.yaml has it
 Cell = tuple[str, str]  # metric and difficulty
 Key = tuple[str, Cell]  # of a detector
 # Of each detector and cell, by run: (2,) APs, and (R, 2) in the resamples.

@@ -64,10 +64,11 @@ def write_comparison(
     written = _write_tables(tables, compared, folder)
     figures = folder / "figures"
     levels = Levels("", compared.held.names, compared.baseline)
-    drawn = forest(_told(compared.verdicts), levels, compared.margin, figures / "forest")
+    plot = forest(_told(compared.verdicts), levels, compared.margin)
+    drawn = [] if plot is None else plot.write(figures / "forest")
     recalls = _curves(compared)
     order = list(dict.fromkeys(recalls["group"]))
-    curves = precision_recall(recalls, levels, figures / "precision_recall", order)
+    curves = precision_recall(recalls, levels, order).write(figures / "precision_recall")
     points = surroundings.points_on_objects(compared)
     parts, frames = [], []
     for name in compared.classes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,21 @@ CODE = (
 )
 CUTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 CELL = ("3d", "moderate")  # of curves
+COUNTED = ("3d", "hard")  # of boxes that are hits: every ground truth that counts at all
+POSTERIORS = "posteriors"
+
+
+@dataclass(frozen=True)
+class Posteriors:
+    """Scores of the boxes that an evaluation gets of a checkpoint: after cut and suppression.
+
+    Args:
+        boxes: (N,) of all.
+        hits: (H,) of those that its matching gives to a ground truth (3D, hard: all that count).
+    """
+
+    boxes: Float
+    hits: Float
 
 
 class Contributions:
@@ -57,7 +72,7 @@ class Contributions:
         """APs of all trials in the same resamples, by group, level and seed.
 
         Args:
-            rule: which checkpoint stands for a trial: ``last`` or ``best``.
+            rule: which checkpoint stands for a trial, see ``evaluation.selection.select``.
 
         Raises:
             StoreError: only its scores are here.
@@ -103,6 +118,23 @@ class Contributions:
         """3D AP moderate (R11) of a trial's last checkpoint where lower scores are dropped: one of each of ``CUTS``."""
         return self._kept(trial, trial.last_step, "cuts", lambda: {"aps": self._cut(trial)})["aps"]
 
+    def posteriors(self, trial: FinishedTrial) -> Posteriors:
+        """Scores of the boxes of a trial's last checkpoint, of all classes that are looked at."""
+
+        def make() -> Arrays:
+            compared = self._compared(trial, trial.last_step)
+            own = [compared.det.scores[compared.det.of(name)] for name in self.sweep.classes]
+            matched = [compared.matches(name, *COUNTED) for name in self.sweep.classes]
+            hits = [found.hit_scores for found in matched]
+            return {"boxes": np.concatenate(own), "hits": np.concatenate(hits)}
+
+        found = self._kept(trial, trial.last_step, POSTERIORS, make)
+        return Posteriors(found["boxes"], found["hits"])
+
+    def lacks_posteriors(self, trial: FinishedTrial) -> bool:
+        """Whether these are not kept."""
+        return not is_kept(*self._place(trial, trial.last_step, POSTERIORS))
+
     def _cut(self, trial: FinishedTrial) -> Float:
         protocol = replace(self.sweep.protocol, score_threshold=min(CUTS))
         compared = compare_stored(self.sweep.detections(trial), self.sweep.validation, protocol)
@@ -145,7 +177,7 @@ class Contributions:
 
         Args:
             trial: the trial.
-            rules: which of its checkpoints are resampled: ``last``, ``best``.
+            rules: by which its checkpoints are chosen that are resampled.
             curves: whether its curves and halves are wanted too.
         """
         for rule in rules:

@@ -59,7 +59,7 @@ def judge_sweep(
 
     Args:
         sweep: its run folders must be at hand.
-        rule: which checkpoint stands for a trial: ``last`` or ``best``.
+        rule: which checkpoint stands for a trial, see ``evaluation.selection.select``.
         n_resamples: of the frames.
         contributions: of the sweep's trials, where they are at hand; they say how many resamples.
 

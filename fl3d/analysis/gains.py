@@ -38,9 +38,10 @@ def gains(samples: Samples, baseline: str) -> pd.DataFrame:
         baseline: level that the others are held against.
 
     Returns:
-        a row for each group, level, metric, difficulty and average (R11, R40): ``seeds``, ``ap`` and ``gain`` with
-        ``_low`` and ``_high``, ``one_r11_step``, and ``marked``: whether the gain in R40 differs from zero, from three
-        seeds on, where all cells of the group's table are looked at together.
+        a row for each group, level, metric, difficulty and average (R11, R40): ``seeds`` that the baseline has too, of
+        ``seeds_done``; over these ``ap`` and ``gain`` with ``_low`` and ``_high``, ``one_r11_step``, and ``marked``:
+        whether the gain in R40 differs from zero, from three seeds on, where all cells of the group's table are looked
+        at together.
 
     Raises:
         ConfigError: no group has the baseline.
@@ -51,7 +52,8 @@ def gains(samples: Samples, baseline: str) -> pd.DataFrame:
         own = {level: by_seed for level, by_seed in levels.items() if set(by_seed) & set(base)}
         marked = _marked(own, baseline)
         for level, by_seed in own.items():
-            front = {"group": group, "level": level, "seeds": len(set(by_seed) & set(base))}
+            shared = len(set(by_seed) & set(base))
+            front = {"group": group, "level": level, "seeds": shared, "seeds_done": len(by_seed)}
             for place, (metric, difficulty) in enumerate(CELLS):
                 if any(np.isnan(one.values[place]).any() for one in by_seed.values()):
                     continue  # a metric that the protocol does not have

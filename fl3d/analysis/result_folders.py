@@ -9,8 +9,8 @@ from pathlib import Path
 from fl3d.analysis.detectors import Detector
 from fl3d.core.errors import ConfigError, DataError
 from fl3d.data.label_table import LabelTable, read_table
+from fl3d.evaluation import MISSING as MISSING_OF_ONE
 from fl3d.evaluation.average_precision import Comparison, compare
-from fl3d.evaluation.frames import MISSING as MISSING_OF_ONE
 from fl3d.evaluation.frames import Choice, choose_frames, read_results
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
 from fl3d.runs.units import Units, units_of_frames

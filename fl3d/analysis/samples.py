@@ -43,7 +43,7 @@ def compare_sweep(sweep: FinishedSweep, rule: str = "last") -> Comparisons:
 
     Args:
         sweep: its run folders must be at hand.
-        rule: which checkpoint stands for a trial: ``last`` or ``best``.
+        rule: which checkpoint stands for a trial, see ``evaluation.selection.select``.
 
     Raises:
         StoreError: only its scores are here.

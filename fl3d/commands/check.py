@@ -4,28 +4,16 @@ from __future__ import annotations
 
 import argparse
 import inspect
-import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-from tqdm import tqdm
+from fl3d.commands.parsing import parser
+from fl3d.core.errors import ConfigError
+from fl3d.inspection import MOST_CLOUDS
 
-from fl3d.check.facts import Facts, gather
-from fl3d.check.summary import Checked, as_json, checked, overview
-from fl3d.check.wanted import wanted_by
-from fl3d.commands.words import parser
-from fl3d.config.compose import multirun
-from fl3d.config.objects import build
-from fl3d.config.settings import DataSettings, read_settings
-from fl3d.core.errors import ConfigError, DataError, DataMissing
-from fl3d.core.files import write_text
-from fl3d.core.records import Config
-from fl3d.data.kitti import KittiFolder
-from fl3d.data.pictures import read_picture
-from fl3d.reports.figures.frame import draw_frame
-from fl3d.sweep.prepare import prepare_data
+if TYPE_CHECKING:
+    from fl3d.api.inspection import Inspected
 
 EXAMPLES = """\
   check /data/kitti                                  all that a sweep with data=kitti would read
@@ -38,8 +26,7 @@ Ends with code 2 where there are errors, so that a script can ask; warnings are 
 """
 
 
-MOST_CLOUDS = 200  # of each split, unless told otherwise
-ALL = "all"  # of a folder without splits
+ALL = "all"
 
 
 def run(arguments: list[str]) -> None:
@@ -49,21 +36,20 @@ def run(arguments: list[str]) -> None:
     and draws one frame, so that an axis that is wrong is seen.
     """
     given = _options().parse_intermixed_args(arguments)
-    root, words = _folder(given.words)
-    configs = _configs(words)
-    settings = read_settings(configs[0])
-    kitti = settings.data.folder(root or prepare_data(settings.data).root)
-    splits, problems = splits_of(kitti, settings.data)
-    train, val = next(iter(splits)), list(splits)[-1]
+    # Late: --help loads nothing that computes.
+    from tqdm import tqdm
+
+    from fl3d.api.inspection import check
+
+    folder, words = _folder(given.words)
     most = _most_clouds(given.clouds)
     with tqdm(unit="file", disable=None, leave=False) as bar:
-        facts = gather(kitti, splits, wanted_by(configs), settings.protocol, most, bar.update)
-    result = checked(facts, train, val, problems)
+        found = check(folder, *words, clouds=most, seen=bar.update)
     if given.json != "-":
-        _say(facts, result)
-    _write_json(given.json, facts, result)
-    _draw(given.picture, facts, train)
-    if result.errors:
+        _say(found)
+    _write_json(given.json, found)
+    _draw(given.picture, found)
+    if found.errors:
         sys.exit(2)
 
 
@@ -112,20 +98,7 @@ def _folder(words: list[str]) -> tuple[Path | None, list[str]]:
     rest = [word for word in words if word not in folders]
     if not folders:
         return None, rest
-    root = Path(folders[0])
-    if not (root / "training").is_dir():
-        inner = root.name == "training" and root.is_dir()
-        hint = f"; give the folder above it, {root.parent}" if inner else ""
-        raise DataMissing(f"is no KITTI folder: it holds no folder 'training'{hint}", root)
-    named = any(word.startswith("data=") for word in rest)
-    return root, rest if named else ["data=kitti", *rest]
-
-
-def _configs(words: list[str]) -> list[Config]:
-    """Of the trials that the words mean."""
-    asked = multirun(words)
-    sweeper = build(asked.sweeper, "hydra.sweeper").proposer(asked.arguments, asked.compose)
-    return [point.config for point in sweeper.first()] or [sweeper.base]
+    return Path(folders[0]), rest
 
 
 def _most_clouds(text: str) -> int | None:
@@ -136,53 +109,31 @@ def _most_clouds(text: str) -> int | None:
     return int(text)
 
 
-def splits_of(
-    kitti: KittiFolder, data: DataSettings
-) -> tuple[dict[str, tuple[str, ...]], list[DataError]]:
-    """Frames by name of the split, and what is wrong with the splits; all frames that have labels where there are none.
-
-    Raises:
-        DataMissing: there are no labels either.
-    """
-    found: dict[str, tuple[str, ...]] = {}
-    problems: list[DataError] = []
-    for name in dict.fromkeys((data.train_split, data.val_split)):
-        try:
-            found[name] = tuple(kitti.split(name))
-            if not found[name]:
-                problems.append(DataError("names no frame", kitti.split_path(name)))
-        except DataError as error:
-            problems.append(error)
-    found = {name: ids for name, ids in found.items() if ids}
-    if found:
-        return found, problems
-    labels = kitti.root / "training" / "label_2"
-    ids = tuple(sorted(path.stem for path in labels.glob("*.txt")))
-    if not ids:
-        raise DataMissing("holds no label file, and there are no splits", labels)
-    return {ALL: ids}, problems
-
-
-def _say(facts: Facts, result: Checked) -> None:
-    print(f"{facts.kitti.root}\n")
-    rows = overview(facts)
-    wide = max(len(name) for name, _ in rows)
-    for name, text in rows:
+def _say(found: Inspected) -> None:
+    root = found.facts.kitti.root
+    print(f"{root}\n")
+    rows = found.overview
+    wide = max(map(len, rows))
+    for name, text in rows.items():
         print(f"  {name:{wide}}  {text}")
     print()
-    for line in result.lines:
+    for line in found.lines:
         print(line)
     print()
-    for finding in result.findings:
-        print(finding.text(facts.kitti.root))
-    if not result.findings:
+    for finding in found.findings:
+        print(finding.text(root))
+    if not found.findings:
         print("Nothing odd was found.")
 
 
-def _write_json(target: str | None, facts: Facts, result: Checked) -> None:
+def _write_json(target: str | None, found: Inspected) -> None:
+    import json
+
+    from fl3d.core.files import write_text
+
     if target is None:
         return
-    text = json.dumps(as_json(facts, result), indent=1) + "\n"
+    text = json.dumps(found.as_json(), indent=1) + "\n"
     if target == "-":
         print(text, end="")
         return
@@ -192,46 +143,17 @@ def _write_json(target: str | None, facts: Facts, result: Checked) -> None:
         raise ConfigError(f"--json {target}: cannot be written ({error.strerror})") from None
 
 
-def _draw(path: Path, facts: Facts, split: str) -> None:
-    """Draw the frame with most targets, or else with most labels; one with a picture, where there are some."""
-    frame_id = _telling_frame(facts, split)
-    if frame_id is None:
+def _draw(path: Path, found: Inspected) -> None:
+    """Draw the frame with most targets, or else with most labels."""
+    from fl3d.reports.figures.style import save
+
+    drawn = found.picture
+    if drawn is None:
         return
-    kitti = facts.kitti
-    frame = kitti.frame(frame_id)
-    file = kitti.path("image_2", frame_id)
-    image = _pixels(file) if file.exists() else None
-    cloud = facts.clouds[frame_id]
-    wanted = np.zeros(len(frame.labels), dtype=bool)
-    for mask in cloud.targets.values():
-        wanted |= mask
-    counts = f"{cloud.points:,} points, {len(wanted)} labels, {wanted.sum()} targets"
-    title = f"{kitti.root.name}, frame {frame_id}: {counts}"
-    whole = kitti.read_cloud(frame_id).points_velo
+    if found.picture_problem is not None:
+        print(f"warning: {found.picture_problem}", file=sys.stderr)
     try:
-        draw_frame(frame, whole, image, wanted, title, path.with_suffix(""))
+        save(drawn, path.with_suffix(""), (".png",))
     except OSError as error:
         raise ConfigError(f"--picture {path}: cannot be written ({error.strerror})") from None
     print(f"Drawn: {path.with_suffix('.png')}", file=sys.stderr)
-
-
-def _pixels(file: Path) -> NDArray[np.uint8] | None:
-    """Of a picture; None, and a line, where it is broken behind its header, which tells its size."""
-    try:
-        return read_picture(file)
-    except DataError as problem:
-        print(f"warning: {problem}", file=sys.stderr)
-        return None
-
-
-def _telling_frame(facts: Facts, split: str) -> str | None:
-    def told(frame_id: str) -> tuple[int, int]:
-        cloud = facts.clouds[frame_id]
-        return sum(int(mask.sum()) for mask in cloud.targets.values()), len(cloud.held)
-
-    whole = [
-        i
-        for i in facts.looked_at(split)
-        if None not in (facts.beside[i].labels, facts.beside[i].calibration)
-    ]
-    return max(whole, key=told, default=None)

@@ -6,23 +6,14 @@ import argparse
 import math
 import shlex
 import sys
-from dataclasses import replace
 from pathlib import Path
 
-from fl3d.analysis.compare import MARGIN, compare_detectors
-from fl3d.analysis.compare_page import write_comparison
-from fl3d.analysis.compare_tables import text_of
-from fl3d.analysis.detectors import read_detectors
-from fl3d.analysis.result_folders import MISSING, hold
-from fl3d.analysis.surroundings import Surroundings
-from fl3d.commands.words import parser
-from fl3d.config.compose import CONF, compose_config
-from fl3d.config.settings import read_settings
+from fl3d.analysis import MARGIN
+from fl3d.commands.parsing import parser, protocol_names
 from fl3d.core.errors import ConfigError, Fl3dError
-from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation import MISSING
 
 FAILED = 2  # exit code of a mistake, as argparse has it
-PROTOCOLS = sorted(path.stem for path in (CONF / "protocol").glob("*.yaml"))
 DESCRIPTION = """\
 Say whether a detector is better than another, by KITTI result files (one NNNNNN.txt a frame) that any code wrote.
 
@@ -53,34 +44,38 @@ def run(arguments: list[str]) -> None:
 
 def _compare(arguments: list[str]) -> None:
     given = _parser().parse_intermixed_args(arguments)
-    detectors = read_detectors(given.detectors)
-    surroundings = Surroundings(
-        given.clouds, given.calib or given.labels.resolve().parent / "calib", given.pictures
-    )
+    # Late: --help loads nothing that computes.
+    from fl3d.analysis.compare_tables import text_of
+    from fl3d.analysis.detectors import read_detectors
+    from fl3d.api.comparison import compare
+
     if given.out is None and (given.clouds or given.pictures):
         raise ConfigError(
             "--clouds and --pictures are for the page: name a folder for it with --out"
         )
-    held = hold(
+    compared = compare(
         given.labels,
-        detectors,
-        _protocol(given.protocol, given.overlaps),
+        read_detectors(given.detectors),
+        baseline=given.baseline,
+        classes=_listed(given.classes),
+        protocol=given.protocol,
+        overlaps=_overlaps(given.overlaps),
         split=given.split,
         missing=given.missing,
         mapping=given.mapping,
+        margin=given.margin,
+        clouds=given.clouds,
+        calib=given.calib,
+        pictures=given.pictures,
+        out=given.out,
+        made_by=shlex.join(["python", "-m", "fl3d", "compare", *arguments]),
     )
-    surroundings.check(held.ids)
-    compared = compare_detectors(held, given.baseline, _listed(given.classes), given.margin)
+    held = compared.held
     protocol = f"protocol {held.protocol.name} (variant {held.protocol.variant})"
     print(f"{len(held.ids)} frames, {protocol}; AP in percent\n")
     print(text_of(compared))
     if given.out is not None:
-        command = shlex.join(["python", "-m", "fl3d", "compare", *arguments])
-        try:
-            written = write_comparison(compared, given.out, surroundings, command)
-        except OSError as error:
-            raise ConfigError(f"--out {given.out}: cannot be written ({error.strerror})") from None
-        print(f"\nWritten to {written[0]}, with tables and figures beside it.")
+        print(f"\nWritten to {given.out / 'compare.html'}, with tables and figures beside it.")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -112,12 +107,15 @@ def _parser() -> argparse.ArgumentParser:
         help="frames to compare on, a name a line (default: all)",
     )
     options.add_argument(
-        "--missing", choices=MISSING, default="error", help="a frame that a folder has no file of"
+        "--missing",
+        choices=("error", *MISSING),
+        default="error",
+        help="a frame that a folder has no file of",
     )
     options.add_argument(
         "--protocol",
         default="kitti",
-        choices=PROTOCOLS,
+        choices=protocol_names(),
         help="overlaps and variant (default: kitti)",
     )
     options.add_argument(
@@ -154,11 +152,10 @@ def _parser() -> argparse.ArgumentParser:
     return options
 
 
-def _protocol(name: str, overlaps: list[str]) -> Protocol:
-    """The protocol, with the overlaps of ``Cone=0.5,0.25,0.25`` added or changed."""
-    found = read_settings(compose_config([f"protocol={name}", "profile=paper"])).protocol
+def _overlaps(words: list[str]) -> dict[str, tuple[float, float, float]]:
+    """Overlaps by class, of ``Cone=0.5,0.25,0.25``."""
     added: dict[str, tuple[float, float, float]] = {}
-    for word in overlaps:
+    for word in words:
         class_name, _, numbers = word.partition("=")
         try:
             image, bev, space = (float(number) for number in numbers.split(","))
@@ -167,7 +164,7 @@ def _protocol(name: str, overlaps: list[str]) -> Protocol:
                 f"--overlaps {word}: not NAME=IMAGE,BEV,3D, such as Cone=0.5,0.25,0.25"
             ) from None
         added[class_name] = (image, bev, space)
-    return replace(found, overlaps={**found.overlaps, **added})
+    return added
 
 
 def _margin(text: str) -> float:

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
-from fl3d.commands.words import parser
-from fl3d.config.compose import CONF, compose_config
-from fl3d.config.settings import read_settings
+from fl3d.commands.parsing import parser, protocol_names
 from fl3d.core.errors import ConfigError, Fl3dError
-from fl3d.core.files import write_text
-from fl3d.evaluation.average_precision import as_json
-from fl3d.evaluation.folders import Evaluated, evaluate_folder
-from fl3d.evaluation.frames import MISSING
-from fl3d.evaluation.protocol import Protocol
-from fl3d.reports.counted import count_lines
-from fl3d.reports.evaluated import curves_to_markdown, heading
-from fl3d.reports.uncounted import warnings, why_nothing
+from fl3d.core.loading import uncollected
+from fl3d.evaluation import MISSING
+
+if TYPE_CHECKING:
+    from fl3d.evaluation.folders import Evaluated
 
 NOTHING = 2  # exit code where nothing could be evaluated
 EPILOG = """\
@@ -48,12 +42,28 @@ def run(arguments: list[str]) -> None:
     --missing says otherwise.
     """
     given = _options().parse_intermixed_args(arguments)
-    protocol = _protocol(given.protocol, given.changes)
+    with uncollected():
+        _evaluate(given)
+
+
+def _evaluate(given: argparse.Namespace) -> None:
+    # Late: --help loads nothing that computes.
+    from fl3d.api.evaluation import NothingToCount, evaluate
+
+    why = None
     try:
-        found = evaluate_folder(given.labels, given.results, protocol, given.split, given.missing)
+        found = evaluate(
+            given.labels,
+            given.results,
+            given.protocol,
+            changes=given.changes,
+            split=given.split,
+            missing=given.missing,
+        )
+    except NothingToCount as nothing:
+        found, why = nothing.found, str(nothing)
     except Fl3dError as error:
         _stop(str(error))
-    why = why_nothing(found)
     _print(found, with_table=why is None)
     if given.json:
         _write_json(given.json, found)
@@ -62,7 +72,6 @@ def run(arguments: list[str]) -> None:
 
 
 def _options() -> argparse.ArgumentParser:
-    protocols = sorted(path.stem for path in (CONF / "protocol").glob("*.yaml"))
     options = parser("evaluate", run.__doc__)
     options.epilog = EPILOG
     options.formatter_class = argparse.RawDescriptionHelpFormatter
@@ -88,7 +97,7 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument(
         "--protocol",
         default="kitti",
-        choices=protocols,
+        choices=protocol_names(),
         help="overlaps, variant and what easy, moderate and hard go by (default: kitti); see below",
     )
     options.add_argument(
@@ -112,21 +121,11 @@ def _options() -> argparse.ArgumentParser:
     return options
 
 
-def _protocol(name: str, changes: list[str]) -> Protocol:
-    for word in changes:
-        if "=" not in word:
-            raise ConfigError(f"'{word}' is neither --option nor KEY=VALUE of the protocol")
-    words = [_of_protocol(word) for word in changes]
-    return read_settings(compose_config([f"protocol={name}", "profile=paper", *words])).protocol
-
-
-def _of_protocol(word: str) -> str:
-    """A change as a word of the config: ``+overlaps.Cone=...`` adds a class."""
-    plus = "+" if word.startswith("+") else ""
-    return f"{plus}protocol.{word.removeprefix('+').removeprefix('protocol.')}"
-
-
 def _print(found: Evaluated, with_table: bool) -> None:
+    from fl3d.reports.counted import count_lines
+    from fl3d.reports.evaluated import curves_to_markdown, heading
+    from fl3d.reports.uncounted import warnings
+
     print(f"{heading(found)}\n")
     if with_table:
         print(f"{curves_to_markdown(found.curves, found.protocol)}\n")
@@ -143,6 +142,11 @@ def _stop(why: str) -> NoReturn:
 
 
 def _write_json(path: Path, found: Evaluated) -> None:
+    import json
+
+    from fl3d.core.files import write_text
+    from fl3d.evaluation.average_precision import as_json
+
     try:
         write_text(path, json.dumps(as_json(found.curves, found.labels.ignored)) + "\n")
     except OSError as error:

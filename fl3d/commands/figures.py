@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from fl3d.analysis.contributions import Contributions
-from fl3d.commands.words import HELP, open_words, or_gamma, parser, read_words
+from fl3d.api.words import open_words, or_gamma, read_words
+from fl3d.commands.parsing import HELP, parser
+from fl3d.config.places import PUBLISHED
 from fl3d.papers.results import draw_curves, draw_papers, draw_verdicts, judge_or_say
+from fl3d.papers.stored import feeding
 
 
 def run(arguments: list[str]) -> None:
@@ -24,6 +27,6 @@ def run(arguments: list[str]) -> None:
         judged = judge_or_say(one, print, made)
         written += [] if judged is None else draw_verdicts(one, judged)
         written += draw_curves(one, made)
-    written += draw_papers(sweep)
+    written += draw_papers(sweep, feeding(sweep, words, PUBLISHED))
     folder = sweep.settings.results_folder / "figures"
     print(f"Written to {folder}: " + ", ".join(path.name for path in written))

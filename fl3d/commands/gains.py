@@ -5,7 +5,8 @@ from __future__ import annotations
 from fl3d.analysis.found import judge_sweep
 from fl3d.analysis.gains import recalls, without_baseline
 from fl3d.analysis.samples import AVERAGES, CELLS, compare_sweep
-from fl3d.commands.words import HELP, open_words, parser, read_words
+from fl3d.api.words import open_words, read_words
+from fl3d.commands.parsing import HELP, parser
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.files import write_text
 from fl3d.evaluation.protocol import split_metric
@@ -74,7 +75,6 @@ def _show(sweep: FinishedSweep, metric: str | None, average: str) -> None:
         path = folder / "tables" / f"{kind}_{sweep.name}_{sweep.protocol.name}.csv"
         write_text(path, frame.to_csv(index=False, lineterminator="\n"))
         print(f"Written to {path}.")
-    for path in forest(
-        judged.verdicts, levels, judged.margin, folder / "figures" / f"forest_{sweep.name}"
-    ):
+    plot = forest(judged.verdicts, levels, judged.margin)
+    for path in [] if plot is None else plot.write(folder / "figures" / f"forest_{sweep.name}"):
         print(f"Written to {path}.")

@@ -6,8 +6,8 @@ import argparse
 import inspect
 from pathlib import Path
 
-from fl3d.commands.train import report
-from fl3d.commands.words import HELP, parser
+from fl3d.api.training import report
+from fl3d.commands.parsing import HELP, parser
 from fl3d.config.compose import compose_config
 from fl3d.config.settings import BY_HAND, read_settings
 from fl3d.core.errors import ConfigError

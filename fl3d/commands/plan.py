@@ -6,7 +6,7 @@ import argparse
 import inspect
 import math
 
-from fl3d.commands.words import HELP, parser
+from fl3d.commands.parsing import HELP, parser
 from fl3d.config.compose import multirun
 from fl3d.config.objects import build
 from fl3d.core.errors import ConfigError

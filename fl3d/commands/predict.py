@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fl3d.commands.words import parser
+from fl3d.commands.parsing import parser
 from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError
 from fl3d.core.errors import options as options_of

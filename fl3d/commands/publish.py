@@ -10,12 +10,15 @@ from typing import Any
 
 from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import judge_sweep
-from fl3d.commands.train import train
-from fl3d.commands.words import PUBLISHED, open_words, parser, read_words
+from fl3d.api.training import train_sweep
+from fl3d.api.words import open_words, read_words
+from fl3d.commands.parsing import parser
 from fl3d.config.objects import build, locate
+from fl3d.config.places import PUBLISHED
 from fl3d.core.errors import ConfigError, StoreError, options
 from fl3d.core.files import write_text
 from fl3d.core.provenance import provenance
+from fl3d.core.shipped import is_checkout
 from fl3d.papers.index import write_index
 from fl3d.papers.results import (
     draw_curves,
@@ -31,7 +34,6 @@ from fl3d.runs.spec import read_spec
 from fl3d.simulator import VERSION as SIMULATOR_VERSION
 from fl3d.sweep.plan import KEY_VERSION
 from fl3d.sweep.prepare import prepare_data
-from fl3d.sweep.winners import with_winners
 from fl3d.training.trainer import VERSION as TRAINER_VERSION
 
 # Seeds of each sweep, in an order in which each greedy sweep comes after the one whose winner it keeps. Three are the
@@ -39,8 +41,10 @@ from fl3d.training.trainer import VERSION as TRAINER_VERSION
 SWEEPS = {
     "gamma": 5,
     "loss_form": 3,
+    "from_scratch": 3,
     "gamma_pointrcnn": 3,
     "gamma_fconvnet": 3,
+    "gamma_pedestrian": 3,
     "pointrcnn_default": 1,
     "pointrcnn_batch": 1,
     "pointrcnn_alpha": 1,
@@ -51,12 +55,15 @@ SWEEPS = {
     "frustum_alpha": 1,
     "frustum_weights": 1,
     "frustum_final": 1,
+    "frustum_resolutions": 1,
 }
 STAMP = "stamp.json"
 
 
 def run(arguments: list[str]) -> None:
     """Make results/DATA-PROFILE anew: train or reuse every published sweep, tabulate, draw, and stamp the folder.
+
+    A sweep whose file names its data (people's) has its own folder, unless data=... is given for all.
 
     Only this command writes there; everybody's own runs write to out/. What is committed stays small: no page, and
     figures as PNG with their data alone.
@@ -73,20 +80,34 @@ def run(arguments: list[str]) -> None:
     for name in chosen:
         if name not in SWEEPS:
             raise ConfigError(f"--only {name}: {options(name, SWEEPS)}")
+    if not is_checkout():
+        raise ConfigError(
+            "publish: makes results/ of fl3d's repository anew, which is not here; your own tables are made by tables"
+        )
     made_by = provenance()
     if made_by.get("fl3d.dirty") == "true":
         raise ConfigError(
             "publish: there are uncommitted changes; commit them first, for the stamp names the commit"
         )
     words = [*given.overrides, f"results={PUBLISHED}"]
-    folder = read_words(words).settings.results_folder
-    for part in ("scores", "tables", "figures"):
-        shutil.rmtree(folder / part, ignore_errors=True)
-    sweeps = [publish(name, words) for name in chosen]
-    for pdf in (folder / "figures").glob("*.pdf"):
-        pdf.unlink()  # drawn again by `fl3d figures`
-    write_text(folder / STAMP, json.dumps(stamp(sweeps, made_by), indent=1) + "\n")
-    print(f"Written to {folder}; {write_index(PUBLISHED)}.")
+    folders = by_folder(chosen, words)
+    for folder, names in folders.items():
+        for part in ("scores", "tables", "figures"):
+            shutil.rmtree(folder / part, ignore_errors=True)
+        sweeps = [publish(name, words) for name in names]
+        for pdf in (folder / "figures").glob("*.pdf"):
+            pdf.unlink()  # drawn again by `fl3d figures`
+        write_text(folder / STAMP, json.dumps(stamp(sweeps, made_by), indent=1) + "\n")
+    print(f"Written to {', '.join(map(str, folders))}; {write_index(PUBLISHED)}.")
+
+
+def by_folder(names: Sequence[str], words: Sequence[str]) -> dict[Path, list[str]]:
+    """Some sweeps by the results folder that each is published in, in their order."""
+    folders: dict[Path, list[str]] = {}
+    for name in names:
+        folder = read_words(words_of(name, words)).settings.results_folder
+        folders.setdefault(folder, []).append(name)
+    return folders
 
 
 def words_of(name: str, words: Sequence[str]) -> list[str]:
@@ -103,22 +124,20 @@ def publish(name: str, words: Sequence[str]) -> FinishedSweep:
         StoreError: it could not be run to its end.
     """
     own = words_of(name, words)
-    multirun = with_winners(read_words(own).multirun)
-    sweeper = build(multirun.sweeper, "hydra.sweeper").proposer(
-        multirun.arguments, multirun.compose
-    )
-    train(sweeper, multirun.launcher, multirun.arguments)
+    asked = read_words(own).multirun
+    train_sweep(asked, build(asked.sweeper, "hydra.sweeper"))
     sweep = open_words(read_words(own))
     if len(sweep.trials) < len(sweep.plan.trials):
         done = f"{len(sweep.trials)} of {len(sweep.plan.trials)} trials"
         raise StoreError(f"{name}: {done} are done; nothing is published before all are")
-    tables, _ = write_sweep(sweep, feeding(sweep, words, None), print)
+    find = feeding(sweep, words, None)
+    tables, _ = write_sweep(sweep, find, print)
     made = Contributions(sweep)
     judged = judge_sweep(sweep, contributions=made)
     write_views(sweep, tables, judged, print, made)
     write_still_tables(sweep)
     draw_curves(sweep, made)
-    draw_papers(sweep)
+    draw_papers(sweep, find)
     return sweep
 
 

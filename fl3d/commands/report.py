@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fl3d.commands.words import HELP, PUBLISHED, open_words, or_gamma, parser, read_words
+from fl3d.api.words import open_words, or_gamma, read_words
+from fl3d.commands.parsing import HELP, parser
+from fl3d.config.places import PUBLISHED
 from fl3d.core.errors import DataError, StoreError
 from fl3d.papers.page import write_page
 from fl3d.papers.stored import place_words, stored_sweeps

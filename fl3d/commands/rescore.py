@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from fl3d.analysis.rescore import KEYS, rescore
-from fl3d.commands.words import HELP, open_words, parser, read_words
+from fl3d.api.words import open_words, read_words
+from fl3d.commands.parsing import HELP, parser
 from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.files import write_text

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from fl3d.commands.words import parser
-from fl3d.simulator.crowds import MOST
-from fl3d.simulator.generate import Settings, write_folder
+from fl3d.commands.parsing import parser
+from fl3d.simulator import MOST_PEOPLE as MOST
 
 
 def run(arguments: list[str]) -> None:
@@ -69,16 +68,20 @@ def run(arguments: list[str]) -> None:
     val = given.frames * 3 // 7 if given.val is None else given.val
     if val > given.frames:
         options.error(f"--val {val} is more than --frames {given.frames}")
-    settings = Settings(
-        train=given.frames - val,
+    # Late: --help loads nothing that computes.
+    from fl3d.api.simulation import simulate
+
+    written = simulate(
+        given.out,
+        given.frames,
         val=val,
         seed=given.seed,
         pictures=not given.no_pictures,
         whole_turn=given.whole_turn,
         people=given.people,
+        workers=given.workers,
     )
-    write_folder(given.out, settings, given.workers)
-    print(given.out)
+    print(written)
 
 
 def _count(text: str) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fl3d.commands.words import parser
+from fl3d.commands.parsing import parser
 from fl3d.training.stage import run_stage
 
 

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from fl3d.commands.words import HELP, PUBLISHED, names_sweep, open_words, parser, read_words
+from fl3d.api.words import names_sweep, open_words, read_words
+from fl3d.commands.parsing import HELP, parser
 from fl3d.config.overrides import values_by_key
+from fl3d.config.places import PUBLISHED
 from fl3d.core.errors import StoreError
 from fl3d.papers.results import judge_or_say, write_still_tables, write_sweep, write_views
 from fl3d.papers.stored import feeding, place_words, stored_sweeps
@@ -54,7 +56,7 @@ def sweeps_of(words: list[str]) -> list[FinishedSweep]:
         raise StoreError(
             f"{settings.store.root}: no sweep of {settings.folder_name} was run here"
             f"{' with any of these seeds' if seeds else ''}, and there are no scores of one; "
-            "make sweep-gamma, or give the words of a sweep of your own (sweep.name=...)"
+            "python -m fl3d -m +sweep=gamma, or give the words of a sweep of your own (sweep.name=...)"
         )
     return found
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from fl3d.commands.words import parser, read_words
+from fl3d.api.words import read_words
+from fl3d.commands.parsing import parser
 from fl3d.store.mlflow.ui import browse
 
 

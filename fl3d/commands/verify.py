@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from fl3d.analysis.verify import verify
-from fl3d.commands.words import HELP, open_words, or_gamma, parser, read_words
+from fl3d.api.words import open_words, or_gamma, read_words
+from fl3d.commands.parsing import HELP, parser
 from fl3d.core.errors import StoreError
 
 

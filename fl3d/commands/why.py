@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import pandas as pd
 
 from fl3d.analysis.trace import trace
-from fl3d.commands.words import HELP, names_sweep, open_words, or_gamma, parser, read_words
+from fl3d.api.words import names_sweep, open_words, or_gamma, read_words
+from fl3d.commands.parsing import HELP, parser
 from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError, options
 from fl3d.evaluation.selection import RULES

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import inspect
 import logging
-import sys
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from hydra.errors import HydraException
 from hydra.utils import get_class, instantiate
 
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.extras import lacking
 from fl3d.core.records import Config
 from fl3d.core.typed import check_types
 
@@ -23,8 +23,6 @@ SLIPS = (
     *(TypeError, ValueError, ArithmeticError, LookupError, RuntimeError),
     *(AttributeError, AssertionError),
 )
-
-_NAMED: list[str] = []  # folders of the user's own, see ``make_importable``
 
 
 def build(section: Config, name: str, **arguments: Any) -> Any:
@@ -102,16 +100,6 @@ def locate(target: str, name: str) -> Any:
     try:
         return get_class(target)
     except Exception as error:
-        raise ConfigError(f"{name}: {' '.join(str(error).split())}") from None
-
-
-def make_importable(folders: Iterable[str]) -> None:
-    """Let ``_target_`` name modules in folders of the user's own; those that were named first are asked first.
-
-    What the command line names comes before what a stage was trained with: that may have been moved, and another's lie
-    there now.
-    """
-    for folder in folders:
-        if folder not in sys.path:
-            sys.path.insert(sum(path in _NAMED for path in sys.path), folder)
-            _NAMED.append(folder)
+        why = lacking(error)
+        said = f"{target} {why}" if why else " ".join(str(error).split())
+        raise ConfigError(f"{name}: {said}") from None

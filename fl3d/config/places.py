@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from fl3d.config.objects import make_importable
+from fl3d.config.modules import make_importable
 from fl3d.core.errors import ConfigError
+from fl3d.core.shipped import shipped
 
-CONF = Path(__file__).resolve().parents[2] / "conf"
+CONF = shipped("conf")
+PUBLISHED = shipped("results")  # what the project publishes
 MAIN = "config"
 # Folders of the user's own YAMLs, see ``search_also``. A process has one command line, and so one list of them.
 _OWN: list[Path] = []

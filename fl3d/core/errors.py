@@ -8,6 +8,7 @@ Fl3dError
 ├── TrainingError      a stage that cannot continue (loss is not finite)
 ├── StageFailed        a stage of a sweep ended with an error; carries its traceback
 ├── Unwritable         a file or folder that cannot be written: the disk is full, read-only, or somebody else's
+├── NotInstalled       an extra of fl3d's is not installed
 └── StoreError         the store is missing, locked or of another kind
     └── StoreDown      the store cannot be reached now; the same call may go through later
 """
@@ -91,6 +92,10 @@ class Unwritable(Fl3dError, OSError):
         if self.errno not in FULL:
             return said
         return f"{said}; what is there is kept: make room, and the same command goes on from it"
+
+
+class NotInstalled(Fl3dError, ImportError):
+    """A package that an extra of fl3d's brings; says how to install it."""
 
 
 class StoreError(Fl3dError):

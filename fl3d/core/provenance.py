@@ -6,16 +6,21 @@ import hashlib
 import os
 import platform
 import subprocess
-from importlib.metadata import version
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+from fl3d import __version__
+from fl3d.core.shipped import is_checkout
 
 PACKAGES = ("torch", "numpy", "numba", "hydra-core", "optuna", "mlflow")
 
 
 def provenance() -> dict[str, str]:
     """Tags for a run: versions, commit, digest of what is not committed, and the machine."""
-    tags = {"fl3d.version": version("fl3d"), "fl3d.machine": machine()}
-    tags["fl3d.packages"] = " ".join(f"{name}=={version(name)}" for name in PACKAGES)
+    tags = {"fl3d.version": __version__, "fl3d.machine": machine()}
+    tags["fl3d.packages"] = " ".join(_versions())
     commit = _git("rev-parse", "HEAD").strip()
     if commit:
         tags["fl3d.commit"] = commit
@@ -24,6 +29,13 @@ def provenance() -> dict[str, str]:
         if changes:
             tags["fl3d.diff"] = hashlib.sha256(changes.encode()).hexdigest()[:16]
     return tags
+
+
+def _versions() -> Iterator[str]:
+    """``numpy==2.4.6`` of each package that is installed."""
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            yield f"{name}=={version(name)}"
 
 
 def uncommitted() -> str:
@@ -47,6 +59,8 @@ def _processor() -> str:
 
 
 def _git(*arguments: str) -> str:
+    if not is_checkout():  # what lies around an installed package is somebody else's repository
+        return ""
     here = Path(__file__).resolve().parent
     try:
         done = subprocess.run(

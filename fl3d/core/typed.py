@@ -85,7 +85,7 @@ def check_types(kind: Any, values: Mapping[str, Any], name: str) -> None:
         return
     for key, value in values.items():
         if key in hints and not _fits(value, hints[key]):
-            raise ConfigError(f"{name}.{key}: '{_text(value)}' is not {_says(hints[key])}")
+            raise ConfigError(f"{name}.{key}: '{_text(value)}' is not {type_text(hints[key])}")
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -153,8 +153,8 @@ def _is_plain(value: Any, hint: type) -> bool:
     return isinstance(value, hint)
 
 
-def _says(hint: Any) -> str:
-    """A type for people."""
+def type_text(hint: Any) -> str:
+    """A type for people: ``a whole number of at least 1 or null``."""
     told = [one for one in map(_says_one, _members(hint)) if one]
     return " or ".join(told) or "a section of keys"
 
@@ -162,7 +162,7 @@ def _says(hint: Any) -> str:
 def _says_one(hint: Any) -> str:
     inner = typing.get_args(hint)
     if typing.get_origin(hint) is Annotated:
-        return f"{_says(inner[0]).replace('a finite', 'a')} {inner[1].says}"
+        return f"{type_text(inner[0]).replace('a finite', 'a')} {inner[1].says}"
     if hint is type(None):
         return "null"
     if hint in SAYS:
@@ -170,7 +170,7 @@ def _says_one(hint: Any) -> str:
     if _inner(hint, []) is None:
         return ""  # such as a tensor, which no config holds
     is_counted = typing.get_origin(hint) is tuple and inner[-1] is not Ellipsis
-    return f"a list{f' of {len(inner)}' if is_counted else ''}, each {_says(inner[0])}"
+    return f"a list{f' of {len(inner)}' if is_counted else ''}, each {type_text(inner[0])}"
 
 
 def _text(value: Any) -> str:

@@ -35,6 +35,7 @@ from fl3d.losses import DetectionLoss
 from fl3d.sparse.background import BackgroundMap, dense
 from fl3d.sparse.functions import unlowered
 from fl3d.sparse.layers import BatchNorm3d, Conv3d, lay_out
+from fl3d.sparse.norms import Map
 from fl3d.sparse.rulebook import voxel_layout
 
 STRIDE = 8  # of the output against the input grid
@@ -177,6 +178,12 @@ class FCN3D(Detector):
 
     def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Objectness logits (B, Z, Y, X) and corner offsets (B, Z, Y, X, 24); Z runs through each class."""
+        features = self._features(batch)
+        with unlowered(self.obj.weight):
+            return self._logits(features), self._by_class(dense(self.cor(features)))
+
+    def _features(self, batch: Batch) -> Map:
+        """What both heads read."""
         occupied = batch["occupied"]
         ones = torch.ones(len(occupied), 1, device=occupied.device, dtype=self.obj.weight.dtype)
         if "layout" in batch:
@@ -185,11 +192,12 @@ class FCN3D(Detector):
             features = self.body(
                 scatter_dense(ones, occupied, (int(batch["size"]), *self.grid.shape))
             )
-        features = features.to(ones.dtype)
-        with unlowered(ones):  # scores of three digits would tie
-            return dense(self.obj(features)).flatten(1, 2), self._by_class(
-                dense(self.cor(features))
-            )
+        return features.to(ones.dtype)
+
+    def _logits(self, features: Map) -> Tensor:
+        """Of objectness, (B, Z, Y, X)."""
+        with unlowered(self.obj.weight):  # scores of three digits would tie
+            return dense(self.obj(features)).flatten(1, 2)
 
     def _by_class(self, corners: Tensor) -> Tensor:
         """(B, classes * 24, Z, Y, X) -> (B, classes * Z, Y, X, 24)."""
@@ -207,8 +215,8 @@ class FCN3D(Detector):
         }
 
     def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Logits of cells with an object's centre, and of all others."""
-        return self._split(self(batch)[0], batch)
+        """Logits of cells with an object's centre, and of all others; where boxes lie is not asked."""
+        return self._split(self._logits(self._features(batch)), batch)
 
     def _split(self, logits: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
         b, z, y, x = batch["cells"].unbind(1)

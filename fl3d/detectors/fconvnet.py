@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fl3d.core.errors import DataError
-from fl3d.core.typed import Count, NotNegative, Positive, make
+from fl3d.core.typed import Count, NotNegative, Positive, Whole, make
 from fl3d.data.classes import CARS
 from fl3d.data.kitti import Frame
 from fl3d.data.labels import check_sizes
@@ -48,6 +48,7 @@ class FConvNet(Detector):
         points: of a frustum.
         frustums: of a frame in training.
         slabs: columns of the four resolutions, see ``points.slabs.Slabs``.
+        slabs_used: resolutions that the first stage sees, see ``FrustumNet``; None: all four.
         blocks: widths of the four blocks.
         up: see ``FrustumNet``.
         label_ratio: a reference point in the object shrunk to the first share is positive, outside the second negative.
@@ -82,6 +83,7 @@ class FConvNet(Detector):
         label_ratio: tuple[float, float],
         jitter: Mapping[str, float],
         refine: Mapping[str, Any] | None = None,
+        slabs_used: Sequence[Whole] | None = None,
         classes: Sequence[str] = CARS,
         per_class: PerClass | None = None,
     ) -> None:
@@ -94,7 +96,7 @@ class FConvNet(Detector):
         self.n_points, self.n_frustums, self.label_ratio = points, frustums, label_ratio
         self.view = FrustumView(reach, nearest, points, make(Jitter, jitter, "detector.jitter"))
         self.code = MultiBin([*sizes, *own_sizes.values()], yaw_bins, weights)
-        self.frustum = FrustumNet(resolutions(slabs), reach, blocks, up, self.code)
+        self.frustum = FrustumNet(resolutions(slabs), reach, blocks, up, self.code, slabs_used)
         self.refine: FrustumNet | None = None
         if refine is not None:
             self.second, self.second_view = refine, BoxView.of(refine, nearest)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from fl3d.core.errors import ConfigError
 from fl3d.detectors.multibin import MultiBin
 from fl3d.points.slabs import SlabNet, Slabs
 
@@ -28,6 +29,10 @@ class FrustumNet(nn.Module):
         widths: of the four blocks.
         up: channels that each of the last three blocks is brought to.
         code: of boxes; a one-hot code of its size classes stands behind every slab's feature.
+        used: resolutions that it sees, 0 the finest; features of the others are zero. None: all.
+
+    Raises:
+        ConfigError: ``used`` is no list of some of the four.
     """
 
     def __init__(
@@ -37,8 +42,14 @@ class FrustumNet(nn.Module):
         widths: Sequence[int],
         up: int,
         code: MultiBin,
+        used: Sequence[int] | None = None,
     ) -> None:
         super().__init__()
+        self.used = sorted(set(range(len(slabs)) if used is None else used))
+        if not self.used or not set(self.used) <= set(range(len(slabs))):
+            raise ConfigError(
+                f"detector.slabs_used: {list(used or ())} is no list of some of the resolutions 0 to {len(slabs) - 1}"
+            )
         self.slabs, self.reach = slabs, reach
         self.points = nn.ModuleList(SlabNet(one) for one in slabs)
         self.kinds = len(code.sizes)
@@ -74,7 +85,13 @@ class FrustumNet(nn.Module):
         """(K, P, 3), (K,), size class (K,) -> logits of object against background (K, L) and codes (K, L, width)."""
         seen = []
         for level, net in enumerate(self.points):
-            features = net(points, self.places(slope, level)).transpose(1, 2)
+            places = self.places(slope, level)
+            if level in self.used:
+                features = net(points, places).transpose(1, 2)
+            else:
+                features = points.new_zeros(
+                    len(points), self.slabs[level].widths[-1], places.shape[1]
+                )
             code = torch.zeros(len(points), self.kinds, features.shape[2], device=points.device)
             code[torch.arange(len(points), device=points.device), kinds] = 1
             seen.append(torch.cat([features, code], dim=1))

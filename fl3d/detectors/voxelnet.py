@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from fl3d.core.errors import ConfigError, options
 from fl3d.core.typed import Count, Positive, make
 from fl3d.data.classes import CARS
 from fl3d.data.dataset import TargetRule
@@ -38,6 +39,8 @@ from fl3d.sparse.functions import unlowered
 from fl3d.sparse.layers import BatchNorm3d, Conv3d, lay_out
 from fl3d.sparse.rulebook import voxel_layout
 
+ACROSS = {"cube": 3, "column": 1}  # width of the middle layers' kernels along y and x
+
 
 class VoxelNet(Detector):
     """VoxelNet.
@@ -59,6 +62,8 @@ class VoxelNet(Detector):
         mask_max: leave padded slots out of the maxima and of batch normalisation; False pads every voxel to
             ``max_points`` rows, as the paper's code does.
         compute: ``sparse``, up to where maps are nearly dense, or ``dense``: the same function, and the same weights.
+        middle_kernel: of the middle layers: ``cube``, [3, 3, 3] along z, y, x, as Table VII of the paper and its code,
+            or ``column``, [3, 1, 1], as its text (§V-A: [d, 1, 1]).
         rpn_stride: of the RPN's first convolution; its paper has 2 for cars and 1 for pedestrians and cyclists.
         classes: that it detects; each has its own two anchors at every place, and a box is of its anchor's class.
         per_class: of classes other than cars ``anchors``, with ``size`` and ``z`` at least, and ``min_points``.
@@ -88,6 +93,7 @@ class VoxelNet(Detector):
         mask_max: bool,
         compute: str = "sparse",
         rpn_stride: Count = 2,
+        middle_kernel: str = "cube",
         classes: Sequence[str] = CARS,
         per_class: PerClass | None = None,
     ) -> None:
@@ -109,10 +115,19 @@ class VoxelNet(Detector):
             (middle, 1, 0),
             (middle, 2, 1),
         )  # channels in; stride, padding over z
+        if middle_kernel not in ACROSS:
+            raise ConfigError(
+                f"detector.middle_kernel: no kernel '{middle_kernel}'. {options(middle_kernel, ACROSS)}"
+            )
+        across = ACROSS[middle_kernel]
         self.middle = nn.Sequential(
             *(
                 conv_block(
-                    Conv3d(c, middle, 3, (s, 1, 1), (p, 1, 1)), BatchNorm3d(middle), norm_order
+                    Conv3d(
+                        c, middle, (3, across, across), (s, 1, 1), (p, across // 2, across // 2)
+                    ),
+                    BatchNorm3d(middle),
+                    norm_order,
                 )
                 for c, s, p in layers
             )

@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
@@ -87,6 +85,9 @@ class Detections(StoredDetections):
 
 def write_detections(path: Path, detections: Detections) -> None:
     """Store as Parquet: a row a box, the frames' list in the metadata; a column of classes unless all are cars."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     columns: dict[str, Any] = {
         "frame": detections.frame.astype(np.int32),
         "score": detections.scores,
@@ -106,6 +107,9 @@ def read_detections(path: Path) -> StoredDetections:
     Raises:
         DataError: the file is missing or is not such a file.
     """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     try:
         table = pq.read_table(path)
         if is_results(table):

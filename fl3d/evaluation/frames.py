@@ -13,8 +13,8 @@ from fl3d.core.errors import ConfigError, DataError, options
 from fl3d.data.label_table import LabelTable, read_table
 from fl3d.data.splits import read_split
 from fl3d.data.text import read_lines
+from fl3d.evaluation import MISSING
 
-MISSING = ("skip", "empty")
 SHOWN = 3  # names that an error lists
 LABEL_FIELDS, RESULT_FIELDS = 15, 16
 

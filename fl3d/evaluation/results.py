@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fl3d.core.errors import DataError
@@ -145,6 +143,9 @@ def _types_in(folder: Path, ids: Sequence[str]) -> list[str]:
 
 def write_results(path: Path, results: Results) -> None:
     """Store as Parquet: a row a line, its numbers as they were read."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     known = (*TYPES, *results.lines.others)
     names = [known[code] for code in results.lines.types]
     columns: dict[str, Any] = {"frame": results.lines.frame.astype(np.int32), "type": names}

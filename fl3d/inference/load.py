@@ -6,7 +6,8 @@ import inspect
 from collections.abc import Mapping
 from typing import Any
 
-from fl3d.config.objects import build, locate, make_importable
+from fl3d.config.modules import make_importable
+from fl3d.config.objects import build, locate
 from fl3d.core.errors import CheckpointError, ConfigError
 from fl3d.core.records import Config
 from fl3d.data.classes import CARS

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from fl3d.analysis.ahead import Job
+from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import Judged
 from fl3d.core.errors import ConfigError
 from fl3d.reports.table import Table
@@ -28,7 +29,7 @@ class PaperTable(ABC):
         name: how sweep files call it: ``focal_loss.last_voxelnet``.
         number: as printed; files are called after it.
         title: printed before its caption.
-        rule: which checkpoint stands for a trial: ``last`` or ``best``.
+        rule: which checkpoint stands for a trial, see ``evaluation.selection.select``.
         is_joint: whether several sweeps feed it.
     """
 
@@ -92,6 +93,10 @@ class PaperTable(ABC):
                 )
 
 
+# What finds all sweeps that feed a joint table, see ``papers.stored.feeding``.
+Feeding = Callable[[PaperTable], Sequence[FinishedSweep]]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Paper:
     """A paper.
@@ -100,20 +105,20 @@ class Paper:
         name: of its folder.
         tables: that sweeps feed, in printed order.
         still: tables that need no training, made now.
-        draw: figures of a sweep into a folder; every file written. None: it has none.
+        draw: figures of a sweep into a folder, given what finds the sweeps that feed a joint table with it; every file
+            written. None: it has none.
         jobs: what its figures and claims need that takes long and can be made ahead, of the sweep at a place, see
             ``analysis.ahead``; None: nothing.
-        claims: sentences of it that state a number, beside what a sweep gives and what it has found (None where that
-            cannot be told); None: none are kept, or none are about such a sweep.
+        claims: sentences of it beside what some sweeps give; None: none are kept, or none are about such sweeps.
         captions: of figures, by their files' names without ending.
     """
 
     name: str
     tables: tuple[PaperTable, ...]
     still: Callable[[], list[Table]] = list
-    draw: Callable[[FinishedSweep, Path], list[Path]] | None = None
+    draw: Callable[[FinishedSweep, Path, Feeding], list[Path]] | None = None
     jobs: Callable[[int, FinishedSweep], Iterable[Job]] | None = None
-    claims: Callable[[FinishedSweep, Judged | None], Table | None] | None = None
+    claims: Callable[[Sequence[Contributions]], Table | None] | None = None
     captions: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from fl3d.analysis.ahead import make_ahead
@@ -12,8 +13,10 @@ from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import Judged
 from fl3d.analysis.split_halves import HALVINGS, best_of_k_checkpoints
 from fl3d.core.files import write_text
+from fl3d.evaluation.selection import BEST_OF_LAST_STAGE
 from fl3d.papers.judged_views import tables_of_verdicts
-from fl3d.papers.registry import PAPERS, papers_of
+from fl3d.papers.page_claims import claims_of_papers
+from fl3d.papers.registry import PAPERS
 from fl3d.papers.results import (
     Say,
     draw_curves,
@@ -33,12 +36,14 @@ from fl3d.reports.render import to_html
 from fl3d.reports.table import Table
 from fl3d.reports.verdicts import findings
 from fl3d.runs.checkpoints import read_marker
+from fl3d.runs.drawn import drawn_at
 from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.spec import read_spec
 
 CAPTIONS = {
-    "ap_over_level": "AP of the last models by level, the mean over seeds of training; bars: 95 % intervals of 3D "
-    "moderate (over frames alone where there is one seed; they may leave the panel); thin lines: the baseline.",
+    "ap_over_level": "AP of the last models by level, the mean over the seeds of training that the baseline has too; "
+    "bars: 95 % intervals of 3D moderate (over frames alone where there is one seed; they may leave the panel); thin "
+    "lines: the baseline, of all its seeds.",
     "ap_over_steps": "3D AP moderate of every checkpoint: of each level the mean over its own seeds of training, in a "
     "band from the lowest to the highest (none around one seed); marks: the seeds' last and best, on average; the "
     "dotted line is where each trial's last stage begins.",
@@ -74,26 +79,25 @@ def write_page(
     found: list[str] = []
     tables: list[str] = []
     pictures: list[Path] = []
-    main_judged: Judged | None = None
+    of_sweeps = {main.name: contributions}
     for sweep in (part for one in sweeps for part in (one, *one.each_class())):
-        made, _ = write_sweep(sweep, feeding(sweep, words, published), _quiet(say))
+        find = feeding(sweep, words, published)
+        made, _ = write_sweep(sweep, find, _quiet(say))
         own = contributions if sweep is main else Contributions(sweep)
         judged = judge_or_say(sweep, say, own)
         views = write_views(sweep, made, judged, _quiet(say), own)
         tables += _tables(made, views)
         question = None if sweep is main else _question(sweep)
         found += _found(sweep, judged, question)
-        if sweep is main:
-            main_judged = judged
+        if sweep.class_name is None:
+            of_sweeps[sweep.name] = own
         if sweep is main or sweep.class_name is not None:
             pictures += draw_curves(sweep, own)
-        pictures += draw_papers(sweep)
+        pictures += draw_papers(sweep, find)
     halves, more = _halves(contributions)
     pictures += more
     folder = main.settings.results_folder
-    papers = papers_of(main.settings.sweep.tables)
-    drawn = [paper.claims(main, main_judged) for paper in papers if paper.claims is not None]
-    claims = [table for table in drawn if table is not None]
+    claims = claims_of_papers(of_sweeps, words, published)
     write_tables([*claims, halves], folder)
     still = write_still_tables(main)
     pngs = [path for path in pictures if path.suffix == ".png"]
@@ -101,7 +105,7 @@ def write_page(
         Section("Verdicts", tuple(found)),
         Section("Figures", tuple(picture(path.read_bytes(), _caption(path)) for path in pngs)),
         Section("Tables", tuple(tables)),
-        Section("Claims of the paper", tuple(to_html(table) for table in claims)),
+        Section("Claims of the papers", tuple(to_html(table) for table in claims)),
         Section("Last, best and honest best", (to_html(halves),)),
         Section("Networks", tuple(to_html(table) for table in still)),
         Section("Plan and provenance", _provenance(main, words)),
@@ -124,9 +128,9 @@ def _found(sweep: FinishedSweep, judged: Judged | None, question: str | None) ->
     if judged is None:
         return []
     levels = levels_of(sweep)
-    drawn = sweep.settings.results_folder / "figures" / f"forest_{sweep.name}.png"
+    forest = sweep.settings.results_folder / "figures" / f"forest_{sweep.name}.png"
     parts = [paragraph(question)] if question else []
-    parts += [picture(drawn.read_bytes(), FOREST)] if drawn.exists() else []
+    parts += [picture(forest.read_bytes(), FOREST)] if forest.exists() else []
     parts += [listing(findings(judged.verdicts, levels, judged.margin))]
     return [*parts, *(to_html(table) for table in tables_of_verdicts(judged, levels))]
 
@@ -146,14 +150,14 @@ def _halves(made: Contributions) -> tuple[Table, list[Path]]:
     table = halves_table(
         sweep.scores,
         sweep.select("last"),
-        sweep.select("best"),
+        sweep.select(BEST_OF_LAST_STAGE),
         made.halves(),
         levels,
-        sweep.settings.best_among,
         notes,
     )
     path = sweep.settings.results_folder / "figures" / f"best_of_k_{sweep.name}"
-    return table, best_of_k_figure(best_of_k_checkpoints(sweep.scores), levels, path)
+    figure = partial(best_of_k_figure, best_of_k_checkpoints(sweep.scores), levels)
+    return table, drawn_at(sweep.drawn_as, path, figure)
 
 
 def _caption(path: Path) -> str:
@@ -196,5 +200,5 @@ def _provenance(sweep: FinishedSweep, words: Sequence[str]) -> tuple[str, ...]:
         listing(sorted(made - {""})),
         paragraph(f"Protocol {sweep.protocol.id}: {json.dumps(asdict(sweep.protocol))}"),
         folded("Stages", preformatted("\n".join(sorted(stages)))),
-        link(ADDRESS, f"In MLflow (make ui): experiment {sweep.settings.stored_as}"),
+        link(ADDRESS, f"In MLflow (python -m fl3d ui): experiment {sweep.settings.stored_as}"),
     )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from fl3d.core.files import remove_old_temporaries, write_text
 from fl3d.data.classes import CARS
 from fl3d.evaluation.average_precision import N_SAMPLES
 from fl3d.evaluation.protocol import METRICS, Protocol
-from fl3d.papers.base import PaperTable
+from fl3d.papers.base import Feeding, PaperTable
 from fl3d.papers.judged_views import intervals_by_level, tables_of_verdicts
 from fl3d.papers.registry import papers_of, tables_named
 from fl3d.reports.figures.curves import (
@@ -33,6 +34,7 @@ from fl3d.reports.figures.style import beside
 from fl3d.reports.levels import levels_table, slug
 from fl3d.reports.render import to_csv, to_latex, to_markdown
 from fl3d.reports.table import Table
+from fl3d.runs.drawn import ToDraw, drawn_at
 from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.plans import is_of_program
 from fl3d.runs.scores import score_file, score_text, write_score_file
@@ -93,9 +95,7 @@ def generic_name(sweep: FinishedSweep, group: str) -> str:
     return f"{sweep.name}-{slug(group)}"
 
 
-def make_tables(
-    sweep: FinishedSweep, feeding: Callable[[PaperTable], Sequence[FinishedSweep]]
-) -> list[Table]:
+def make_tables(sweep: FinishedSweep, feeding: Feeding) -> list[Table]:
     """The tables of a sweep as papers print them, and one for each group whose last models no paper's table shows.
 
     Args:
@@ -138,9 +138,7 @@ def generic_tables(sweep: FinishedSweep, groups: Sequence[str]) -> list[Table]:
     return tables
 
 
-def write_sweep(
-    sweep: FinishedSweep, feeding: Callable[[PaperTable], Sequence[FinishedSweep]], say: Say
-) -> tuple[list[Table], list[Path]]:
+def write_sweep(sweep: FinishedSweep, feeding: Feeding, say: Say) -> tuple[list[Table], list[Path]]:
     """Write a sweep's scores, tables and curves, and print the tables; they and every file written.
 
     The score file comes last: where it holds the scores of now, all other files are of them too.
@@ -159,13 +157,12 @@ def write_sweep(
     levels = levels_of(sweep)
     figures = folder / "figures"
     last = sweep.select("last")
-    written += ap_over_steps(
-        sweep.scores, last, sweep.select("best"), levels, figures / f"ap_over_steps_{sweep.name}"
-    )
+    steps = partial(ap_over_steps, sweep.scores, last, sweep.select("best"), levels)
+    written += drawn_at(sweep.drawn_as, figures / f"ap_over_steps_{sweep.name}", steps)
     stem = figures / f"ap_over_level_{sweep.name}"
     bars = [beside(stem, ending) for ending in FIGURES]
     if is_new or not all(path.exists() for path in bars):
-        ap_over_level(last, levels, stem)  # with intervals once tables are made again
+        ap_over_level(last, levels).write(stem)  # with intervals once tables are made again
     kept = [] if is_part else write_score_file(file, sweep.scores, sweep.plan)
     written = [*kept, *written, *bars]
     for table in tables:
@@ -260,13 +257,28 @@ def verdict_views(sweep: FinishedSweep, judged: Judged) -> list[Table]:
     return [replace(table, name=f"{sweep.name}_{table.name}") for table in found]
 
 
-def draw_verdicts(sweep: FinishedSweep, judged: Judged) -> list[Path]:
-    """The forest plot, and AP over level with bars; every file written."""
-    folder = sweep.settings.results_folder / "figures"
+def verdict_figures(sweep: FinishedSweep, judged: Judged) -> dict[str, ToDraw]:
+    """The forest plot, where there is a level beside the baseline, and AP over level with bars; by name."""
     levels = levels_of(sweep)
-    written = forest(judged.verdicts, levels, judged.margin, folder / f"forest_{sweep.name}")
-    bars = folder / f"ap_over_level_{sweep.name}"
-    return written + ap_over_level(sweep.select("last"), levels, bars, judged.gains)
+    chosen = sweep.select("last")
+    return {
+        "forest": partial(forest, judged.verdicts, levels, judged.margin),
+        "ap_over_level": partial(ap_over_level, chosen, levels, judged.gains),
+    }
+
+
+def draw_verdicts(sweep: FinishedSweep, judged: Judged) -> list[Path]:
+    """Write the figures of the verdicts; every file written."""
+    return _write_figures(sweep, verdict_figures(sweep, judged))
+
+
+def _write_figures(sweep: FinishedSweep, figures: Mapping[str, ToDraw]) -> list[Path]:
+    folder = sweep.settings.results_folder / "figures"
+    return [
+        path
+        for name, figure in figures.items()
+        for path in drawn_at(sweep.drawn_as, folder / f"{name}_{sweep.name}", figure)
+    ]
 
 
 def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
@@ -312,24 +324,38 @@ def jobs_of(sweeps: Sequence[FinishedSweep], curves: Sequence[FinishedSweep]) ->
             yield from paper.jobs(place, sweep) if paper.jobs is not None else ()
 
 
-def draw_curves(sweep: FinishedSweep, contributions: Contributions | None = None) -> list[Path]:
-    """Curves of any sweep: AP over steps and score cut, precision over recall; every file written.
+def score_figures(sweep: FinishedSweep) -> dict[str, ToDraw]:
+    """What scores alone can show, by name: AP over steps and, without bars, over level."""
+    levels = levels_of(sweep)
+    last, best = sweep.select("last"), sweep.select("best")
+    return {
+        "ap_over_steps": partial(ap_over_steps, sweep.scores, last, best, levels),
+        "ap_over_level": partial(ap_over_level, last, levels),
+    }
+
+
+def curve_figures(
+    sweep: FinishedSweep, contributions: Contributions | None = None
+) -> dict[str, ToDraw]:
+    """Curves of any sweep by name: AP over steps and score cut, precision over recall.
 
     Args:
         sweep: its run folders must be at hand.
         contributions: of its trials, where they are at hand.
     """
-    folder = sweep.settings.results_folder / "figures"
     made = contributions or Contributions(sweep)
     levels = levels_of(sweep)
-    last = sweep.select("last")
-    best = sweep.select("best")
-    written = ap_over_steps(
-        sweep.scores, last, best, levels, folder / f"ap_over_steps_{sweep.name}"
-    )
-    written += ap_over_cut(cut_curves(made), levels, folder / f"ap_over_cut_{sweep.name}")
-    curves = precision_curves(made)
-    return written + precision_recall(curves, levels, folder / f"precision_recall_{sweep.name}")
+    last, best = sweep.select("last"), sweep.select("best")
+    return {
+        "ap_over_steps": partial(ap_over_steps, sweep.scores, last, best, levels),
+        "ap_over_cut": partial(ap_over_cut, cut_curves(made), levels),
+        "precision_recall": partial(precision_recall, precision_curves(made), levels),
+    }
+
+
+def draw_curves(sweep: FinishedSweep, contributions: Contributions | None = None) -> list[Path]:
+    """Write the curves of any sweep, see ``curve_figures``; every file written."""
+    return _write_figures(sweep, curve_figures(sweep, contributions))
 
 
 def cut_curves(made: Contributions) -> pd.DataFrame:
@@ -361,13 +387,18 @@ def precision_curves(made: Contributions) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def draw_papers(sweep: FinishedSweep) -> list[Path]:
-    """Figures of the papers whose tables a sweep feeds; every file written."""
+def draw_papers(sweep: FinishedSweep, feeding: Feeding) -> list[Path]:
+    """Figures of the papers whose tables a sweep feeds; every file written.
+
+    Args:
+        sweep: its run folders must be at hand.
+        feeding: finds the sweeps that feed a joint table with it.
+    """
     folder = sweep.settings.results_folder / "figures"
     drawing = [
         paper.draw for paper in papers_of(sweep.settings.sweep.tables) if paper.draw is not None
     ]
-    return [path for draw in drawing for path in draw(sweep, folder)]
+    return [path for draw in drawing for path in draw(sweep, folder, feeding)]
 
 
 def write_still_tables(sweep: FinishedSweep) -> list[Table]:

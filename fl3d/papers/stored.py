@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from fl3d.config.compose import CONF, compose_config
 from fl3d.config.settings import read_settings
 from fl3d.core.errors import StoreError
-from fl3d.papers.base import PaperTable
+from fl3d.papers.base import Feeding, PaperTable
 from fl3d.runs.finished import FinishedSweep, is_stored, open_sweep
 
 PLACES = ("data", "profile", "store", "results")  # keys that say where a sweep lies
@@ -44,9 +44,7 @@ def stored_sweeps(words: Sequence[str], published: Path | None) -> list[Finished
     return found
 
 
-def feeding(
-    sweep: FinishedSweep, words: Sequence[str], published: Path | None
-) -> Callable[[PaperTable], Sequence[FinishedSweep]]:
+def feeding(sweep: FinishedSweep, words: Sequence[str], published: Path | None) -> Feeding:
     """What finds all sweeps that feed a joint table: those on the same data and size, under the same protocol.
 
     Args:

@@ -30,7 +30,6 @@ def halves_table(
     best: pd.DataFrame,
     halved: pd.DataFrame,
     levels: Levels,
-    best_among: str,
     notes: tuple[str, ...] = (),
 ) -> Table:
     """3D AP moderate of the last and the best checkpoint, of the mean of the last few, and of split halves.
@@ -38,15 +37,12 @@ def halves_table(
     Args:
         scores: tidy.
         last: the last checkpoint of each trial.
-        best: likewise.
+        best: the best of each trial's last stage.
         halved: see ``analysis.split_halves.split_halves``.
         levels: of the sweep.
-        best_among: where ``best`` looked, see ``evaluation.selection.select``.
         notes: put below.
     """
-    inner = scores.sort_values("step")
-    if best_among == "last":
-        inner = inner[inner["step"] > inner["first_own_step"]]
+    inner = scores[scores["step"] > scores["first_own_step"]].sort_values("step")
     counts = inner.groupby("trial").size()
     sides = halved.set_index("trial")
     frame = last.set_index("trial")[["group", "level", METRIC]].rename(columns={METRIC: "last"})
@@ -73,7 +69,7 @@ def halves_table(
         ),
         tuple(rows),
         LEGEND,
-        (*notes, f"Best is chosen among {among} checkpoints of a trial.", seeds),
+        (*notes, f"Best is chosen among {among} checkpoints of a trial's last stage.", seeds),
     )
 
 

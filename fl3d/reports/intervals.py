@@ -14,6 +14,7 @@ STAR = (
     "star: the gain in R40 differs from zero where all gains of this table are looked at together "
     "(95 %, from three seeds on)"
 )
+SHARED = "Here APs are, as their intervals, of the seeds that the baseline has too"
 DAGGER = "†: R11 moves more than twice as far as R40: it may be one of its recall steps, worth up to 9.09 AP."
 
 
@@ -30,7 +31,8 @@ def with_intervals(
     Args:
         table: its AP columns are named as ``reports.levels.ap_columns``.
         gains: see ``analysis.gains.gains``; a column ``row`` holds, for each row of the table, the text of its first
-            columns, joined by a space. Cells show its APs: those of the seeds that the interval is over.
+            columns, joined by a space. Cells show its APs, and a column of seeds their number: of the seeds that the
+            interval is over, which the baseline has too.
         bold: what bold stands for in the table.
         key_columns: how many first columns tell the rows apart.
         average: of the table's APs.
@@ -41,6 +43,7 @@ def with_intervals(
         f"{row['row']} {row['metric']}_{row['difficulty']}": row
         for row in chosen.to_dict("records")
     }
+    shared = {str(row["row"]): row for row in found.values() if row["seeds"] < row["seeds_done"]}
     marks = verdicts is not None
     rows = []
     shown = []
@@ -51,15 +54,30 @@ def with_intervals(
             row = found.get(f"{key} {column.key}")
             own.append(cell if row is None else _cell(cell, row, marks))
             shown += [] if row is None else [row]
+        own = _of_shared_seeds(table, own, shared[key]) if key in shared else own
         rows.append((*own, *([Cell(verdicts.get(key, ""))] if verdicts is not None else [])))
     columns = (*table.columns, *([Column("verdict", "verdict")] if marks else []))
     is_stepped = any(row["one_r11_step"] for row in shown)
     is_marked = marks and any(row["marked"] for row in shown)
     legend = "; ".join([LEGEND.format(bold=bold), *([STAR] if is_marked else [])])
-    notes = (*table.notes, *((DAGGER,) if is_stepped else ()))
+    told = {str(row["row"]) for row in shown} & set(shared)
+    counts = [
+        f"{key}: {shared[key]['seeds']} of {shared[key]['seeds_done']}" for key in sorted(told)
+    ]
+    notes = (
+        *table.notes,
+        *((f"{SHARED} ({'; '.join(counts)}).",) if counts else ()),
+        *((DAGGER,) if is_stepped else ()),
+    )
     return table.as_view(
         "intervals", columns=columns, rows=tuple(rows), legend=legend, notes=notes, csv_order=()
     )
+
+
+def _of_shared_seeds(table: Table, cells: list[Cell], row: Mapping[Hashable, Any]) -> list[Cell]:
+    """A row whose column of seeds, where the table has one, says how many the interval is over."""
+    pairs = zip(table.columns, cells, strict=True)
+    return [Cell(str(row["seeds"])) if column.key == "seeds" else cell for column, cell in pairs]
 
 
 def _cell(cell: Cell, row: Mapping[Hashable, Any], marks: bool) -> Cell:

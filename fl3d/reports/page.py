@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from PIL import Image
+from PIL.PngImagePlugin import PngImageFile
 
 STYLE = """
 :root {
@@ -78,15 +79,17 @@ def picture(image: bytes, caption: str) -> str:
         image: a PNG.
         caption: below it, and what is read out in its place.
     """
-    with Image.open(io.BytesIO(image)) as opened:
-        pixels = opened.convert("RGB")
+    pixels = PngImageFile(io.BytesIO(image)).convert("RGB")
     data = base64.b64encode(_small(pixels)).decode("ascii")
     text = html.escape(caption)
     size = (
         f"width='{pixels.width}' height='{pixels.height}'"  # the page stands still while it loads
     )
-    shown = f"<img alt='{text}' {size} decoding='async' src='data:image/webp;base64,{data}'>"
-    return f"<figure><div class='scroll'>{shown}</div><figcaption>{text}</figcaption></figure>"
+    return (
+        f"<figure><div class='scroll'><img alt='{text}' {size} decoding='async' "
+        f"src='data:image/webp;base64,{data}'></div>"
+        f"<figcaption>{text}</figcaption></figure>"
+    )
 
 
 def _small(pixels: Image.Image) -> bytes:

@@ -216,9 +216,9 @@ class FinishedSweep:
             if trial.level != self.baseline or key not in self.factor
         )
 
-    def select(self, rule: str, best_among: str | None = None) -> pd.DataFrame:
+    def select(self, rule: str) -> pd.DataFrame:
         """The checkpoint that stands for each trial, see ``evaluation.selection.select``."""
-        return select(self.scores, rule, best_among or self.settings.best_among)
+        return select(self.scores, rule, self.settings.best_among)
 
     def steps(self, rule: str) -> dict[str, int]:
         """Step of the checkpoint that stands for each trial, by the trial's key."""
@@ -274,6 +274,12 @@ class FinishedSweep:
         """
         kitti, ids = self.kitti(), self.validation.ids
         return digest([kitti.digest(ids), kitti.image_digest(ids)])
+
+    def drawn_as(self, name: str) -> Path | None:
+        """Where a figure of it is kept as it was drawn, see ``runs.drawn``; None where only its scores are here."""
+        if not self.is_from_store:
+            return None
+        return StoreFolder(self.settings.store.root).drawn(self.settings.experiment, name)
 
     def detections(self, trial: FinishedTrial, step: int | None = None) -> StoredDetections:
         """What a checkpoint of a trial predicted on the validation frames; None: its last one."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from fl3d.core.digests import digest
 from fl3d.core.errors import StoreError
 
 ASIDE = ".unfinished-"  # in the name of a program's result folder that was put aside
@@ -217,6 +218,15 @@ class StoreFolder:
     def kept(self, name: str) -> Path:
         """What was made of a sweep's frames once, see ``kept``."""
         return self.root / "kept" / f"{name}.bin"
+
+    def drawn(self, experiment: str, name: str) -> Path:
+        """A figure of a sweep as it was drawn, see ``drawn``.
+
+        Args:
+            experiment: of the sweep; its digest stands in the name, which might else be too long.
+            name: of the figure's files without their endings.
+        """
+        return self.kept(f"figure-{digest(experiment)[:10]}-{name}")
 
     def study(self, name: str) -> Path:
         """The journal of an Optuna study."""

@@ -75,7 +75,6 @@ MOODS = {
         {"residential": 0.35, "city": 0.42, "country": 0.13, "square": 0.05, "car_park": 0.05},
     ),
 }
-MOST = 3.0  # times as often: nearly every frame has people then
 QUIET = Mood(0.0, (1.0,), 0.0, 0.0, {name: street.share for name, street in STREETS.items()})
 
 

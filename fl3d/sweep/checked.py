@@ -7,13 +7,13 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-from fl3d.check import VERSION
-from fl3d.check.facts import gather
-from fl3d.check.summary import Checked, checked, start_texts
-from fl3d.check.wanted import Wanted, wanted_by
 from fl3d.core.digests import digest
 from fl3d.core.errors import DataError
 from fl3d.core.files import write_text
+from fl3d.inspection import VERSION
+from fl3d.inspection.facts import gather
+from fl3d.inspection.summary import Checked, checked, start_texts
+from fl3d.inspection.wanted import Wanted, wanted_by
 from fl3d.sweep.setup import Prepared
 
 MOST_CLOUDS = 200  # of each split: 1.4 s of 1200 simulated frames

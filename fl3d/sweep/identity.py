@@ -53,6 +53,8 @@ USUAL = {
     "data.image_size": None,
     "classes": ["Car"],
     "detector.per_class": None,
+    "detector.middle_kernel": "cube",
+    "detector.slabs_used": None,
 }
 # Keys that cannot. The frames themselves enter through the data's digest; scores carry their protocol's identity.
 BOOKKEEPING = (

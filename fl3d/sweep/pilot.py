@@ -10,12 +10,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fl3d.analysis.samples import AVERAGES, resample_mean
+from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import Settings
 from fl3d.core.errors import ConfigError, DataError, StoreError
 from fl3d.evaluation.intervals import ALPHA, frames_alpha
 from fl3d.runs.finished import FinishedSweep, FinishedTrial, open_sweep
 from fl3d.runs.units import Units, units_of
-from fl3d.sweep.winners import PUBLISHED
 
 Draws = dict[tuple[str, int], NDArray[np.float64]]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from fl3d.config.compose import CONF, Multirun, compose_config
+from fl3d.config.compose import Multirun, compose_config
+from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import Settings, read_settings
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError, StoreError, options
@@ -15,7 +16,6 @@ from fl3d.runs.plans import FrozenTrial
 from fl3d.sweep.sweepers.params import check_params
 
 PLACES = ("data", "profile", "store", "results")  # what tells where an earlier sweep lies
-PUBLISHED = CONF.parent / "results"  # scores that the project publishes
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import traceback
 from dataclasses import replace
 from pathlib import Path
 
-from fl3d.config.objects import make_importable
+from fl3d.config.modules import make_importable
 from fl3d.core.errors import FAULTY, CheckpointError, ConfigError, Fl3dError, Unwritable
 from fl3d.core.files import write_text
 from fl3d.core.leases import Lease, leased

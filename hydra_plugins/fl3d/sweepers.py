@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 
 class Doorway(Sweeper):
-    """Hands a multirun to ``fl3d.commands.train``; the sweepers behind it know nothing of Hydra's classes.
+    """Hands a multirun to ``fl3d.api.training``; the sweepers behind it know nothing of Hydra's classes.
 
     Attributes:
         counts_seeds: whether a word such as ``seed=5`` says where it begins, and picks no trials of the sweep.
@@ -31,17 +31,10 @@ class Doorway(Sweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         """Run the sweep to its tables."""
-        from fl3d.commands.train import train
+        from fl3d.api.training import train_sweep
         from fl3d.config.compose import multirun_of
-        from fl3d.sweep.by_hand import named
-        from fl3d.sweep.winners import with_winners
 
-        multirun = named(with_winners(multirun_of(self.loader, self.composed, arguments)))
-        train(
-            self.proposer(multirun.arguments, multirun.compose),
-            multirun.launcher,
-            multirun.arguments,
-        )
+        train_sweep(multirun_of(self.loader, self.composed, arguments), self)
 
     @abstractmethod
     def proposer(self, arguments: list[str], compose: Any) -> Any:

@@ -67,6 +67,25 @@ def test_aps_at_cuts_are_those_of_scoring_anew(sweep: FinishedSweep) -> None:
     assert rows["ap_3d/moderate"].nunique() > 1
 
 
+def test_posteriors_are_those_of_the_boxes_that_the_evaluation_gets(
+    sweep: FinishedSweep, tmp_path: Path
+) -> None:
+    """Of four cars the first and the third count; the boxes of the first two hang three metres above them."""
+    trial = sweep.trials[0]
+    path = trial.folder.detections(trial.last_step)
+    shutil.copy(path, tmp_path)
+    found = found_cars(sweep.kitti(), sweep.validation.ids, 0.0, 7)
+    found.boxes_velo[:2, 2] += 3
+    write_detections(path, found)
+    made = Contributions(sweep, N)
+    assert made.lacks_posteriors(trial)
+    own = made.posteriors(trial)
+    assert not made.lacks_posteriors(trial)
+    shutil.copy(tmp_path / path.name, path)
+    assert sorted(own.boxes) == sorted(found.scores)
+    assert own.hits.tolist() == [found.scores[2]]
+
+
 @pytest.mark.parametrize("kind", ["standup", "rotated", "3d"])
 def test_a_cut_after_suppression_leaves_what_one_before_leaves(
     kind: str, simulated: Path, tmp_path: Path

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from fl3d.api.words import open_words, or_gamma, read_words
 from fl3d.commands import tables, why
-from fl3d.commands.words import open_words, or_gamma, read_words
 from fl3d.config.compose import compose_config, multirun
 from fl3d.config.detector_names import spell_out_detectors
 from fl3d.config.settings import read_settings

@@ -88,7 +88,10 @@ def test_a_file_that_was_changed_is_told(
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        (["VI", "gamma=2", "3d/moderate"], "gamma feeds no table 'VI'.*II, III, IV, best, last"),
+        (
+            ["VI", "gamma=2", "3d/moderate"],
+            "gamma feeds no table 'VI'.*II, III, IV, IV_last_stage, best",
+        ),
         (["III", "gamma=7", "3d/moderate"], "gamma=7: no such row. Possible: 0, 2"),
         (
             ["III", "gama=2", "3d/moderate"],

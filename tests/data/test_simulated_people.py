@@ -10,8 +10,8 @@ from fl3d.config.compose import compose_config
 from fl3d.config.rules import RULES
 from fl3d.config.settings import read_settings
 from fl3d.data.kitti import KittiFolder
-from fl3d.simulator import figures
-from fl3d.simulator.crowds import MOODS, MOST, PEOPLED, QUIET, draw_mood, street_of
+from fl3d.simulator import MOST_PEOPLE, figures
+from fl3d.simulator.crowds import MOODS, PEOPLED, QUIET, draw_mood, street_of
 from fl3d.simulator.generate import Settings, write_folder
 from fl3d.simulator.hdl64 import CAMERA_VIEW, ELEVATIONS, ORIGINS
 from fl3d.simulator.lidar import scan
@@ -49,11 +49,11 @@ def test_frames_with_people_have_a_folder_of_their_own_and_the_others_keep_their
 def test_the_config_asks_for_them_up_to_the_rate_that_there_is() -> None:
     config = compose_config(["data=simulated_people", "profile=tiny"])
     data = read_settings(config).data
-    assert data.people == MOST
+    assert data.people == MOST_PEOPLE
     assert data.name == "simulated_people"
     assert read_settings(compose_config(["profile=tiny"])).data.people is None
-    assert RULES["data.people"].fits(MOST)
-    assert not RULES["data.people"].fits(MOST + 0.01)
+    assert RULES["data.people"].fits(MOST_PEOPLE)
+    assert not RULES["data.people"].fits(MOST_PEOPLE + 0.01)
 
 
 def test_a_knee_bends_ahead_and_an_elbow_back() -> None:
@@ -108,11 +108,11 @@ def test_a_stride_is_as_long_as_its_box() -> None:
 
 def test_people_are_so_many_times_as_frequent_as_the_rate_says() -> None:
     shares = sum(mood.share for mood in MOODS.values())
-    for rate in (0.5, 1.0, MOST):
+    for rate in (0.5, 1.0, MOST_PEOPLE):
         rng = np.random.default_rng(0)
         quiet = np.mean([draw_mood(rate, rng) is QUIET for _ in range(4000)])
         assert quiet == pytest.approx(1 - rate * shares, abs=0.025)
-    assert MOST * shares <= 1
+    assert MOST_PEOPLE * shares <= 1
     for mood in (*MOODS.values(), QUIET):
         assert street_of(mood, np.random.default_rng(0)).lane[0] > 2
 

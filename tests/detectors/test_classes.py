@@ -9,6 +9,7 @@ import torch
 
 from fl3d.config.compose import CONF, compose_config
 from fl3d.core.errors import ConfigError
+from fl3d.data.classes import CARS
 from fl3d.data.kitti import Frame, KittiFolder
 from fl3d.detectors.anchors import Anchors, ClassAnchors
 from fl3d.detectors.base import Detector
@@ -104,6 +105,34 @@ def test_of_each_class_it_finds_so_many_boxes_the_best_first(
             np.testing.assert_allclose(
                 one.scores[own == name], among.scores[of_all == name][:7], rtol=1e-12
             )
+
+
+@pytest.mark.parametrize("name", ["voxelnet", "fcn3d", "fconvnet", "pointrcnn"])
+def test_cars_are_learnt_and_found_to_the_bit_as_where_no_class_is_told(
+    name: str, frames: list[Frame]
+) -> None:
+    """Configs from before there were classes tell none; what they train must be what classes=[Car] trains."""
+    config = compose_config([f"detector={name}", "profile=quick"])
+    assert config.pop("classes") == ["Car"]
+    config["detector"].pop("per_class", None)
+    first = configure_stage(config, next(iter(config["schedule"]["stages"])))
+    torch.manual_seed(0)
+    found = [
+        found_and_lost(one, frames) for one in (build_detector(first), built(name, None, CARS))
+    ]
+    for untold, told in zip(*found, strict=True):
+        assert torch.equal(untold, told)
+
+
+def found_and_lost(detector: Detector, frames: list[Frame]) -> list[torch.Tensor]:
+    """What it loses, the gradient of each weight, and the boxes and scores that it finds."""
+    torch.manual_seed(0)
+    losses = torch.stack(list(detector.loss(encode(detector, frames)).values()))
+    losses.sum().backward()
+    weights = [weight.grad for weight in detector.parameters() if weight.grad is not None]
+    found = detector.eval().detect(encode(detector, frames, training=False), 50, 0.0)
+    boxes = [torch.from_numpy(each) for one in found for each in (one.boxes_velo, one.scores)]
+    return [losses.detach(), *weights, *boxes]
 
 
 @pytest.mark.parametrize("name", NAMES)

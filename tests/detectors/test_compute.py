@@ -16,11 +16,10 @@ from fl3d.sparse import layers
 DETECTORS = ("voxelnet", "fcn3d")
 
 
-def build(detector: str, compute: str) -> Detector:
+def build(detector: str, compute: str, *words: str) -> Detector:
     torch.manual_seed(0)
-    return build_detector(
-        compose_config([f"detector={detector}", f"detector.compute={compute}"])
-    ).double()
+    given = [f"detector={detector}", f"detector.compute={compute}", *words]
+    return build_detector(compose_config(given)).double()
 
 
 def batch_of(detector: Detector, simulated: Path) -> Batch:
@@ -37,14 +36,17 @@ def batch_of(detector: Detector, simulated: Path) -> Batch:
     }
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [*((name, []) for name in DETECTORS), ("voxelnet", ["detector.middle_kernel=column"])],
+)
 def test_sparse_and_dense_are_one_function(
-    name: str, simulated: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, words: list[str], simulated: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
         layers, "DENSE_FROM", float("inf")
     )  # this small network would mostly choose dense
-    dense, sparse = build(name, "dense"), build(name, "sparse")
+    dense, sparse = build(name, "dense", *words), build(name, "sparse", *words)
     assert all(
         torch.equal(a, b)
         for a, b in zip(dense.state_dict().values(), sparse.state_dict().values(), strict=True)

@@ -11,7 +11,7 @@ import torch
 
 from fl3d.config.compose import compose_config
 from fl3d.config.settings import read_stage_settings
-from fl3d.core.errors import DataError
+from fl3d.core.errors import ConfigError, DataError
 from fl3d.data.dataset import Frames
 from fl3d.data.image_boxes import read_image_boxes
 from fl3d.data.kitti import Frame, KittiFolder
@@ -474,3 +474,29 @@ def test_cars_beyond_the_frustum_are_not_learnt(detector: FConvNet, frame: Frame
     detector.view.jitter = replace(detector.view.jitter, flip=0.0, depth=0.0)
     sample = detector.encode(frame, np.random.default_rng(0), training=True)
     assert (sample["boxes"][:, 0] < 15.0).all()
+
+
+def network_that_sees(used: list[int] | None) -> FrustumNet:
+    torch.manual_seed(0)
+    slabs = [Slabs(0.5 * 2**n, 0.5 * 2**n, 4, (4, 8)) for n in range(4)]
+    return FrustumNet(slabs, (0.0, 16.0), (8, 8, 8, 8), 8, CODE, used)
+
+
+def test_a_resolution_that_is_not_used_says_nothing_and_learns_nothing() -> None:
+    points = torch.rand(2, 40, 3, generator=torch.Generator().manual_seed(1)) * 16
+    kinds = torch.zeros(2, dtype=torch.int64)
+    every, listed, some = (network_that_sees(used) for used in (None, [3, 0, 1, 2], [1, 2]))
+    given = points, torch.zeros(2), kinds
+    assert torch.equal(every(*given)[0], listed(*given)[0])
+    logits = some(*given)[0]
+    assert logits.shape == every(*given)[0].shape
+    assert not torch.equal(logits, every(*given)[0])
+    logits.sum().backward()  # type: ignore[no-untyped-call]
+    learns = [any(p.grad is not None for p in net.parameters()) for net in some.points]
+    assert learns == [False, True, True, False]
+
+
+@pytest.mark.parametrize("used", [[], [4], [1, -1]])
+def test_resolutions_that_are_not_there_are_refused(used: list[int]) -> None:
+    with pytest.raises(ConfigError, match=r"detector\.slabs_used: .* resolutions 0 to 3"):
+        network_that_sees(used)

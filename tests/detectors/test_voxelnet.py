@@ -196,3 +196,29 @@ def test_offsets_are_from_the_mean_of_the_voxels_points(simulated: Path) -> None
     first = sample["rows"][: sample["lengths"][0]]
     np.testing.assert_allclose(first[:, 4:], first[:, :3] - first[:, :3].mean(axis=0), atol=1e-4)
     assert sample["lengths"].max() <= 35
+
+
+def test_kernels_of_the_papers_text_look_along_z_alone() -> None:
+    """A ninth of the weights; what differs in one column changes that column of the map alone."""
+    cube, column = (
+        build_detector(compose_config(["detector=voxelnet", "profile=tiny", *words]))
+        for words in ([], ["detector.middle_kernel=column"])
+    )
+    assert isinstance(cube, VoxelNet)
+    assert isinstance(column, VoxelNet)
+    weights = [
+        sum(p.numel() for p in one.middle.parameters() if p.dim() == 5) for one in (cube, column)
+    ]
+    assert weights[0] == 9 * weights[1]
+    middle = column.middle.eval()
+    x = torch.zeros(1, next(middle.parameters()).shape[1], *cube.grid.shape)
+    y = x.clone()
+    y[..., 3, 4] = 1
+    out = (middle(y) - middle(x)).abs().sum(dim=(0, 1, 2))
+    assert out.shape == x.shape[-2:]
+    assert torch.nonzero(out).tolist() == [[3, 4]]
+
+
+def test_a_kernel_that_is_not_there_is_answered_with_those_that_are() -> None:
+    with pytest.raises(ConfigError, match=r"detector\.middle_kernel: no kernel 'cub'.*'cube'"):
+        build_detector(compose_config(["detector=voxelnet", "detector.middle_kernel=cub"]))

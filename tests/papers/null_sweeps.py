@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.analysis.samples import AVERAGES, CELLS, Resampled
-from fl3d.papers.focal_loss.claims import gains_over_zero
 from fl3d.papers.focal_loss.gain_claims import GainsByAverage
+from fl3d.papers.focal_loss.swept_gains import gains_over_zero
 
 GAMMAS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 SHARED = 0.7  # of a model's variance, that its cells have in common

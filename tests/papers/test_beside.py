@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from fl3d.papers.beside import Agreement, Published, agreement, beside, summary
-from fl3d.papers.focal_loss.tables import BEST_MODELS, LAST_3D_FCN, LAST_VOXELNET, LOSS_FORMS
+from fl3d.papers.focal_loss.best_models import BEST_MODELS
+from fl3d.papers.focal_loss.tables import LAST_3D_FCN, LAST_VOXELNET, LOSS_FORMS
 from fl3d.reports.table import AP_COLUMNS, APS, Cell, Column, Table
 from tests.papers.published_tables import papers_table
 

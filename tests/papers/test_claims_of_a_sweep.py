@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fl3d.analysis.found import judge_sweep
-from fl3d.papers.focal_loss.claims import differences, gains_over_zero, models_by_gamma
+from fl3d.papers.focal_loss.swept_gains import differences, gains_over_zero, models_by_gamma
 from fl3d.reports.table import AP_COLUMNS
 from tests.analysis.making import detected_sweep, without
 

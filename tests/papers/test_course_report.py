@@ -17,6 +17,7 @@ from fl3d.papers.course_report.frustum_tables import (
 )
 from fl3d.papers.course_report.published_cells import published_table
 from fl3d.papers.course_report.recall_tables import NETWORKS, OVERLAPS, RECALL_TABLES, RecallTable
+from fl3d.papers.course_report.resolutions_table import RESOLUTIONS
 from fl3d.papers.registry import TABLES
 from fl3d.reports.render import to_latex, to_markdown
 from fl3d.reports.table import Table
@@ -324,6 +325,31 @@ def test_table_7_of_one_detector_has_no_better_one() -> None:
     assert table is not None
     assert len(table.rows) == 2
     assert not any(cell.bold for cell in table.rows[0])
+
+
+LEVELS_USED = ("[1]", "[2]", "[3]", "[1,2]", "[2,3]", "[3,1,2]", "null")
+
+
+def resolutions_sweep() -> FinishedSweep:
+    """What Figure 5 printed, of first stages that saw some resolutions."""
+    rows = published_table("R_figure_5").to_dict("records")
+    made = [
+        Made(overrides=(f"detector.slabs_used={used}",), scores={END: frustum_aps(row)})
+        for used, row in zip(LEVELS_USED, rows, strict=True)
+    ]
+    return finished_sweep(("+sweep=frustum_resolutions",), made)
+
+
+def test_figure_5_comes_back_from_its_own_cells() -> None:
+    sweep = resolutions_sweep()
+    table = RESOLUTIONS.make([sweep], ())
+    assert table is not None
+    assert [cell.text for cell in table.column("strides")] == list(
+        published_table("R_figure_5")["strides"]
+    )
+    for level in LEVELS:
+        assert table.column(f"3d_{level}") == table.column(f"3d_{level}_published")
+    RESOLUTIONS.refuse_twins(trial.plan for trial in sweep.trials)
 
 
 def test_joint_tables_say_so() -> None:

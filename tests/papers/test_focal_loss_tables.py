@@ -9,18 +9,23 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import Judged
 from fl3d.core.errors import ConfigError
 from fl3d.papers.base import PaperTable
+from fl3d.papers.focal_loss.best_models import (
+    BEST_MODELS,
+    BEST_OWN_MODELS,
+    best_pairs,
+    format_lr,
+)
 from fl3d.papers.focal_loss.paper import FOCAL_LOSS
 from fl3d.papers.focal_loss.published_cells import published_table
 from fl3d.papers.focal_loss.tables import (
-    BEST_MODELS,
     LAST_3D_FCN,
     LAST_VOXELNET,
     LOSS_FORMS,
-    best_pairs,
-    format_lr,
+    OVER_GAMMA,
     is_over_gamma,
 )
 from fl3d.papers.registry import TABLES, papers_of, tables_named
@@ -50,7 +55,7 @@ def papers_sweep() -> FinishedSweep:
     made = []
     for number in ("II", "III"):
         for row in published_table(number).to_dict("records"):
-            scores = {3712: aps(99.0), LAST_STEP: printed_aps(row)}  # the first is of the warm-up
+            scores = {3712: aps(1.0), LAST_STEP: printed_aps(row)}  # the first is of the warm-up
             for own in best:
                 if (own["detector"], own["gamma"]) == (row["detector"], row["gamma"]):
                     scores[STEPS[own["step"]]] = printed_aps(own)
@@ -132,12 +137,54 @@ def test_latex_has_the_papers_heads(tables: dict[str, Table]) -> None:
     assert text.count("{") == text.count("}")
 
 
-def test_last_is_the_final_step_and_best_ignores_the_shared_warmup(
-    papers_sweep: FinishedSweep,
-) -> None:
+def test_last_is_the_final_step(papers_sweep: FinishedSweep) -> None:
     assert set(papers_sweep.select("last")["step"]) == {LAST_STEP}
-    assert (papers_sweep.select("best")["step"] > FORK).all()
-    assert set(papers_sweep.select("best", "all")["step"]) == {3712}
+
+
+def forked_sweep(*words: str) -> FinishedSweep:
+    """A warm-up to step 100 that both gammas share: it has the best model of seed 0, and not that of seed 1."""
+    warmup, own = {0: 50.0, 1: 30.0}, {(0, 0): 40.0, (0, 1): 60.0, (2, 0): 45.0, (2, 1): 70.0}
+    made = [
+        Made(
+            overrides=(f"loss.gamma={gamma}", f"seed={seed}"),
+            scores={100: aps(warmup[seed]), 200: aps(ap)},
+            first_own_step=100,
+        )
+        for (gamma, seed), ap in own.items()
+    ]
+    return finished_sweep(("detector=voxelnet", *words), made)
+
+
+def test_best_models_are_of_all_weights_and_beside_them_of_the_last_stage_alone() -> None:
+    """By hand: (50 + 60) / 2 and (50 + 70) / 2, of the last stage (40 + 60) / 2 and (45 + 70) / 2."""
+    sweep = forked_sweep()
+    table = made(BEST_MODELS, sweep)
+    assert [cell.text for cell in table.column("3d_hard")] == ["55.00", "60.00"]
+    assert [cell.bold for cell in table.column("3d_hard")] == [False, True]
+    assert [cell.text for cell in table.column("step")] == ["100/200"] * 2
+    earlier = "VoxelNet γ = 0 (1 of 2), VoxelNet γ = 2 (1 of 2)"
+    assert f"of an earlier stage, which all γ share: {earlier}. In a seed" in table.notes[1]
+    own = made(BEST_OWN_MODELS, sweep)
+    assert [cell.text for cell in own.column("3d_hard")] == ["50.00", "57.50"]
+    assert [cell.text for cell in own.column("step")] == ["200"] * 2
+    assert own.notes[1] == "Best of the checkpoints of each trial's last stage."
+    assert (own.name, BEST_OWN_MODELS.beside(own)) == ("IV_last_stage", None)
+
+
+def test_table_iv_says_so_where_best_is_asked_of_the_last_stage() -> None:
+    sweep = forked_sweep("selection.stages=last")
+    table, own = made(BEST_MODELS, sweep), made(BEST_OWN_MODELS, sweep)
+    assert table.rows == own.rows
+    assert table.notes == own.notes
+
+
+def test_the_papers_best_models_are_all_of_the_last_stage(tables: dict[str, Table]) -> None:
+    note = "Best of all checkpoints of each trial; all of these rows are of its last stage."
+    assert tables["IV"].notes[1] == note
+
+
+def test_sweeps_over_gamma_are_told_by_tables_that_there_are() -> None:
+    assert set(TABLES) >= OVER_GAMMA
 
 
 def test_equal_is_not_better() -> None:
@@ -162,7 +209,7 @@ def test_seeds_are_averaged() -> None:
     assert [cell.text for cell in made(LAST_VOXELNET, sweep).rows[0]] == ["0", *["1.50"] * 6]
     best = made(BEST_MODELS, sweep)
     assert best.column("step")[0].text == "100/200"
-    assert best.notes == ("a note", "Mean of 2 seeds of training.")
+    assert best.notes[0::2] == ("a note", "Mean of 2 seeds of training.")
 
 
 @pytest.mark.parametrize("table", [LAST_VOXELNET, BEST_MODELS])
@@ -219,7 +266,7 @@ def test_of_all_focal_models_the_one_of_highest_mean_stands_for_them() -> None:
         ("loss.gamma=2", 7.0),
         ("loss.gamma=5", 6.0),
     ]
-    pairs = best_pairs(voxelnet_sweep(trials))
+    pairs = best_pairs(voxelnet_sweep(trials), BEST_MODELS)
     assert pairs["gamma"].tolist() == [0, 2]
 
 
@@ -279,7 +326,14 @@ def test_best_models_have_intervals_and_neither_stars_nor_verdicts() -> None:
     sweep = voxelnet_sweep([("loss.gamma=0", 40.0), ("loss.gamma=2", 50.0)])
     table = made(BEST_MODELS, sweep)
     rows = [
-        {"group": "VoxelNet", "level": level, "seeds": 3, "metric": "3d", "difficulty": "hard"}
+        {
+            "group": "VoxelNet",
+            "level": level,
+            "seeds": 3,
+            "seeds_done": 3,
+            "metric": "3d",
+            "difficulty": "hard",
+        }
         | {"average": "R11", "ap": ap, "ap_low": ap - 1, "ap_high": ap + 1, "gain": ap - 40}
         | {"marked": ap > 40, "one_r11_step": False}
         for level, ap in (("0", 40.0), ("2", 50.0))
@@ -307,6 +361,6 @@ def test_a_sweep_of_loss_forms_has_no_figures_and_claims_over_gamma(tmp_path: Pa
     assert not is_over_gamma(sweep)
     assert FOCAL_LOSS.draw is not None
     assert FOCAL_LOSS.claims is not None
-    assert FOCAL_LOSS.draw(sweep, tmp_path) == []
-    assert FOCAL_LOSS.claims(sweep, None) is None
+    assert FOCAL_LOSS.draw(sweep, tmp_path, lambda table: []) == []
+    assert FOCAL_LOSS.claims([Contributions(sweep)]) is None
     assert list(tmp_path.iterdir()) == []

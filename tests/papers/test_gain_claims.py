@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fl3d.evaluation.intervals import Interval, Sample
-from fl3d.papers.focal_loss.claim import Claim, claims_table
+from fl3d.papers.claim import Claim, claims_table
 from fl3d.papers.focal_loss.gain_claims import (
     SENTENCES,
     Extreme,

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from fl3d.papers.focal_loss.best_models import BEST_MODELS
 from fl3d.papers.focal_loss.layers import still_tables
-from fl3d.papers.focal_loss.tables import BEST_MODELS, LAST_3D_FCN, LAST_VOXELNET, LOSS_FORMS
+from fl3d.papers.focal_loss.tables import LAST_3D_FCN, LAST_VOXELNET, LOSS_FORMS
 from fl3d.reports.levels import Levels, levels_table
 from fl3d.reports.render import to_latex
 from tests.papers.published_tables import papers_table

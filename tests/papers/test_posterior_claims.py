@@ -13,6 +13,7 @@ from fl3d.papers.focal_loss.posterior_claims import (
     peak_claim,
     peak_of,
 )
+from fl3d.papers.focal_loss.window_figures import HITS
 
 Peaks = Mapping[float, Mapping[int, Peak]]
 
@@ -33,11 +34,12 @@ def test_the_peak_is_judged_and_not_the_median() -> None:
     low = rng.uniform(0, 0.2, 6000)
     base = [peak_of(np.concatenate([low, rng.normal(0.9, 0.01, 3000)])) for _ in range(3)]
     focal = [peak_of(np.concatenate([low, rng.normal(0.5, 0.03, 3000)])) for _ in range(3)]
-    claim = peak_claim("3D-FCN", peaks(base, focal))
+    claim = peak_claim("3D-FCN", HITS, peaks(base, focal))
     assert claim.verdict == "ours: height smaller, place smaller"
     assert "(γ = 0)" in claim.ours
     assert "(γ = 5)" in claim.ours
     assert claim.ours.endswith("; 3 seeds")
+    assert "3D-FCN's evaluated boxes on cars" in claim.text
 
 
 def test_a_place_is_no_more_exact_than_its_bins() -> None:
@@ -46,14 +48,17 @@ def test_a_place_is_no_more_exact_than_its_bins() -> None:
     one = [Peak(5.0, 0.86), Peak(5.1, 0.86), Peak(4.9, 0.86)]
     two = [Peak(5.0, 0.82), Peak(5.1, 0.82), Peak(4.9, 0.82)]
     not_told = "ours: height smaller, place not distinguishable from 0"
-    assert peak_claim("3D-FCN", peaks(base, one)).verdict == not_told
-    assert peak_claim("3D-FCN", peaks(base, two)).verdict == "ours: height smaller, place smaller"
+    assert peak_claim("3D-FCN", HITS, peaks(base, one)).verdict == not_told
+    assert (
+        peak_claim("3D-FCN", HITS, peaks(base, two)).verdict
+        == "ours: height smaller, place smaller"
+    )
 
 
 def test_a_rise_is_told_as_a_rise() -> None:
     base = [Peak(5.0, 0.1), Peak(5.1, 0.1), Peak(4.9, 0.1)]
     focal = [Peak(9.0, 0.9), Peak(9.2, 0.9), Peak(8.8, 0.9)]
-    claim = peak_claim("VoxelNet", peaks(base, focal))
+    claim = peak_claim("VoxelNet", HITS, peaks(base, focal))
     assert claim.verdict == "ours: height larger, place larger"
 
 
@@ -61,7 +66,9 @@ def test_a_rise_is_told_as_a_rise() -> None:
     ("n_seeds", "said"), [(1, "frames only, not training"), (2, "no verdict before 3 seeds")]
 )
 def test_one_or_two_seeds_give_no_verdict(n_seeds: int, said: str) -> None:
-    claim = peak_claim("3D-FCN", peaks([Peak(9.0, 0.9)] * n_seeds, [Peak(1.0, 0.1)] * n_seeds))
+    claim = peak_claim(
+        "3D-FCN", HITS, peaks([Peak(9.0, 0.9)] * n_seeds, [Peak(1.0, 0.1)] * n_seeds)
+    )
     assert claim.verdict == f"ours: {said}"
     half = half_claim(2.0, [(0.5, 0.6)] * n_seeds)
     assert half.verdict == f"ours: {said}"
@@ -69,12 +76,12 @@ def test_one_or_two_seeds_give_no_verdict(n_seeds: int, said: str) -> None:
 
 def test_seeds_without_a_pair_are_left_out() -> None:
     given = {0.0: {seed: Peak(9.0, 0.9) for seed in range(3)}, 5.0: {0: Peak(1.0, 0.1)}}
-    assert peak_claim("3D-FCN", given).ours.endswith("; 1 seed")
+    assert peak_claim("3D-FCN", HITS, given).ours.endswith("; 1 seed")
 
 
 @pytest.mark.parametrize("given", [{}, {0.0: {0: Peak(1.0, 0.5)}}, {5.0: {0: Peak(1.0, 0.5)}}])
 def test_without_both_ends_nothing_is_said(given: Peaks) -> None:
-    claim = peak_claim("3D-FCN", given)
+    claim = peak_claim("3D-FCN", HITS, given)
     assert (claim.ours, claim.verdict) == ("", "")
 
 
@@ -90,7 +97,7 @@ def test_posteriors_of_one_kind_seldom_differ(n_seeds: int) -> None:
     said = 0
     for _ in range(300):
         base, focal = ([peak() for _ in range(n_seeds)] for _ in range(2))
-        claim = peak_claim("3D-FCN", peaks(base, focal))
+        claim = peak_claim("3D-FCN", HITS, peaks(base, focal))
         said += "larger" in claim.verdict or "smaller" in claim.verdict
     assert said / 300 <= 0.05 + 2 * 0.013
 

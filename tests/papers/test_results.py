@@ -152,7 +152,7 @@ def test_a_folder_shows_one_set_of_scores(tmp_path: Path) -> None:
     (tables / "table_II_intervals.md").touch()
     some = without(sweep, lambda trial: trial.detector == "3D-FCN")
     made, _ = write_sweep(some, alone, lambda line: None)
-    assert [table.name for table in made] == ["III", "IV"]
+    assert [table.name for table in made] == ["III", "IV", "IV_last_stage"]
     assert not (tables / "table_III_intervals.md").exists()
 
 

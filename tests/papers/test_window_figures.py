@@ -1,5 +1,6 @@
-"""Figures 4 and 5 and the imbalance by height: what is drawn is what the data beside say."""
+"""Figures 4 and 5, the arXiv version's Figure 1, the imbalance by height: what is drawn is what the data beside say."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,14 @@ import pandas as pd
 import pytest
 
 from fl3d.papers.focal_loss.window_figures import (
+    BOXES,
+    HITS,
+    KINDS,
+    WINDOWS,
     cumulative_loss,
     figure_4,
     figure_5,
+    focal_curves,
     imbalance_by_height,
 )
 from tests.reports.frames import is_figure
@@ -24,6 +30,15 @@ def test_cumulative_loss_by_hand() -> None:
     np.testing.assert_allclose(cumulative_loss(logits, 1, 0.0, half), [0, 1 / 3, 1])
     np.testing.assert_allclose(cumulative_loss(logits, 1, 1.0, half), [0, 0.5 / (0.5 + 1.5), 1])
     np.testing.assert_allclose(cumulative_loss(-logits, -1, 0.0, half), [0, 1 / 3, 1])
+
+
+def test_the_focal_loss_over_the_posterior(tmp_path: Path) -> None:
+    """At p_t = 1/2: log 2 under BCE, a quarter of it under gamma = 2; at 1 nothing."""
+    assert is_figure(focal_curves([0.0, 2.0], tmp_path / "figure_1_arxiv"))
+    data = pd.read_csv(tmp_path / "figure_1_arxiv.csv").set_index(["gamma", "p_t"])["loss"]
+    assert data[0, 0.5] == pytest.approx(np.log(2), rel=1e-5)
+    assert data[2, 0.5] == pytest.approx(np.log(2) / 4, rel=1e-5)
+    assert data[0, 1.0] == data[2, 1.0] == 0
 
 
 def test_the_larger_gamma_the_more_of_the_loss_lies_on_hard_windows(tmp_path: Path) -> None:
@@ -44,14 +59,27 @@ def test_without_a_focal_model_there_is_no_figure_4(tmp_path: Path) -> None:
 
 def test_densities_have_unit_area(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    posteriors = {
-        (detector, gamma): rng.random(1000) for detector in DETECTORS for gamma in (0.0, 5.0)
-    }
+    places = itertools.product(DETECTORS, KINDS, (0.0, 5.0))
+    posteriors = {place: rng.random(1000) for place in places}
     assert is_figure(figure_5(posteriors, tmp_path / "figure_5"))
     data = pd.read_csv(tmp_path / "figure_5.csv")
-    assert data.groupby(["detector", "gamma"])["density"].mean().to_list() == pytest.approx(
-        [1.0] * 4
+    areas = data.groupby(["detector", "positives", "gamma"])["density"].mean()
+    assert areas.to_list() == pytest.approx([1.0] * 12)
+
+
+def test_each_kind_of_positives_has_its_own_histogram_and_the_papers_come_first(
+    tmp_path: Path,
+) -> None:
+    """Of four boxes three are below 0.04, and one is on a car; density is share over the width of a bin, 1 / 25."""
+    p = {BOXES: [0.01, 0.02, 0.03, 0.99], HITS: [0.99], WINDOWS: [0.01, 0.99]}
+    figure_5(
+        {("VoxelNet", kind, 0.0): np.array(own) for kind, own in p.items()}, tmp_path / "figure_5"
     )
+    data = pd.read_csv(tmp_path / "figure_5.csv")
+    assert data["positives"].drop_duplicates().to_list() == [BOXES, HITS, WINDOWS]
+    ends = data.groupby("positives", sort=False)["density"].agg(["first", "last"])
+    assert ends.to_numpy().tolist() == [[18.75, 6.25], [0.0, 25.0], [12.5, 12.5]]
+    assert data["count"].drop_duplicates().to_list() == [4, 1, 2]
 
 
 def test_a_height_without_positives_has_no_ratio(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Curves of any sweep: what is drawn is what the data beside say."""
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -21,7 +20,6 @@ from fl3d.reports.figures.style import STYLE, save, write_data
 from fl3d.reports.levels import Levels
 from tests.reports.frames import GROUPS, is_figure, tidy_scores
 
-Panel = Callable[[Axes, str], None]
 GAMMAS = Levels("gamma", ["0", "2"], "0")
 TEXTS = Levels("loss", ["original", "enhanced"], "original")
 SEVERAL = Levels(
@@ -41,7 +39,7 @@ def test_last_and_best_are_marked(levels: Levels, tmp_path: Path) -> None:
     scores = tidy_scores(levels.labels)
     last = scores[scores["step"] == 30]
     best = scores[scores["step"] == 20]
-    assert is_figure(ap_over_steps(scores, last, best, levels, tmp_path / "steps"))
+    assert is_figure(ap_over_steps(scores, last, best, levels).write(tmp_path / "steps"))
     data = pd.read_csv(tmp_path / "steps.csv")
     assert set(data[data["last"]]["step"]) == {30}
     assert set(data[data["best"]]["step"]) == {20}
@@ -59,25 +57,12 @@ def bands(axes: Axes) -> list[tuple[float, float]]:
 
 @pytest.mark.parametrize("seeds", [(0,), (0, 1, 2)])
 def test_a_band_reaches_from_the_lowest_to_the_highest_seed(
-    seeds: tuple[int, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    seeds: tuple[int, ...],
 ) -> None:
-    drawn: list[Axes] = []
     scores = tidy_scores(["0"], ["VoxelNet"], seeds)
     scores["ap_3d/moderate"] += scores["seed"] * 4.0
     last = scores[scores["step"] == 30]
-    with monkeypatch.context() as patched:
-        given = curves.panels
-
-        def panels(names: Sequence[str], path: Path, panel: Panel, *rest: float) -> list[Path]:
-            def watched(axes: Axes, name: str) -> None:
-                panel(axes, name)
-                drawn.append(axes)
-
-            return given(names, path, watched, *rest)
-
-        patched.setattr(curves, "panels", panels)
-        ap_over_steps(scores, last, last, GAMMAS, tmp_path / "steps")
-    (axes,) = drawn
+    (axes,) = ap_over_steps(scores, last, last, GAMMAS).figure.axes
     line = axes.lines[0]
     assert list(line.get_ydata()) == [ap + 4.0 * (len(seeds) > 1) for ap in (10.0, 20.0, 15.0)]
     assert bands(axes) == ([] if len(seeds) == 1 else [(10.0, 28.0)])
@@ -114,7 +99,9 @@ def test_intervals_become_bars(levels: Levels, tmp_path: Path) -> None:
     gains = pd.DataFrame(
         [{"group": group, "level": level, **row} for group in GROUPS for level in levels.labels]
     )
-    assert is_figure(ap_over_level(scores[scores["step"] == 30], levels, tmp_path / "level", gains))
+    assert is_figure(
+        ap_over_level(scores[scores["step"] == 30], levels, gains).write(tmp_path / "level")
+    )
     data = pd.read_csv(tmp_path / "level.csv")
     assert len(data) == len(GROUPS) * 2
     assert set(data["ap_3d/moderate high"]) == {99.0}
@@ -125,13 +112,13 @@ def test_intervals_become_bars(levels: Levels, tmp_path: Path) -> None:
 
 def test_without_the_baseline_there_are_no_thin_lines_and_no_error(tmp_path: Path) -> None:
     scores = tidy_scores(["2"])
-    assert is_figure(ap_over_level(scores[scores["step"] == 30], GAMMAS, tmp_path / "level"))
+    assert is_figure(ap_over_level(scores[scores["step"] == 30], GAMMAS).write(tmp_path / "level"))
 
 
 def test_levels_are_drawn_by_their_order_and_not_by_the_alphabet(tmp_path: Path) -> None:
     levels = Levels("gamma", ["0.5", "2", "10"], "0.5")
     scores = tidy_scores(["10", "2", "0.5"])
-    ap_over_level(scores[scores["step"] == 30], levels, tmp_path / "level")
+    ap_over_level(scores[scores["step"] == 30], levels).write(tmp_path / "level")
     assert levels_in(tmp_path / "level.csv") == levels.labels
 
 
@@ -144,7 +131,7 @@ def test_seeds_are_averaged_over_cuts(levels: Levels, tmp_path: Path) -> None:
         for cut in ("0", "0.5")
         for ap in (10.0, 20.0)
     ]
-    assert is_figure(ap_over_cut(pd.DataFrame(rows), levels, tmp_path / "cut"))
+    assert is_figure(ap_over_cut(pd.DataFrame(rows), levels).write(tmp_path / "cut"))
     data = pd.read_csv(tmp_path / "cut.csv")
     assert set(data["ap_3d/moderate"]) == {15.0}
     assert set(data["cut"]) == {0.0, 0.5}
@@ -159,7 +146,7 @@ def test_precision_is_drawn_for_each_group(levels: Levels, tmp_path: Path) -> No
         for group in GROUPS
         for level in levels.labels
     ]
-    assert is_figure(precision_recall(pd.concat(parts), levels, tmp_path / "pr"))
+    assert is_figure(precision_recall(pd.concat(parts), levels).write(tmp_path / "pr"))
     assert levels_in(tmp_path / "pr.csv") == levels.labels
 
 
@@ -170,15 +157,15 @@ def test_what_looking_k_times_is_worth_is_drawn(levels: Levels, tmp_path: Path) 
         for level in levels.labels
         for k in (1, 2)
     ]
-    assert is_figure(best_of_k_figure(pd.DataFrame(rows), levels, tmp_path / "k"))
+    assert is_figure(best_of_k_figure(pd.DataFrame(rows), levels).write(tmp_path / "k"))
     assert levels_in(tmp_path / "k.csv") == levels.labels
 
 
 def test_the_same_data_give_the_same_bytes(tmp_path: Path) -> None:
     scores = tidy_scores(GAMMAS.labels)
     last = scores[scores["step"] == 30]
-    first = ap_over_level(last, GAMMAS, tmp_path / "a")
-    second = ap_over_level(last, GAMMAS, tmp_path / "b")
+    first = ap_over_level(last, GAMMAS).write(tmp_path / "a")
+    second = ap_over_level(last, GAMMAS).write(tmp_path / "b")
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
 

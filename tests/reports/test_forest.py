@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,7 +14,7 @@ from PIL import Image
 
 from fl3d.evaluation.verdicts import Verdict
 from fl3d.reports.figures.forest import LOOKS, forest
-from fl3d.reports.figures.style import STYLE
+from fl3d.reports.figures.style import Drawn, styled
 from fl3d.reports.levels import Levels
 from tests.reports.frames import GROUPS, is_figure
 from tests.reports.verdict_rows import ENDS, verdict_rows
@@ -30,20 +29,20 @@ MANY = Levels("alpha, gamma", [f"alpha=0.25, gamma={n}" for n in range(13)], "al
 TWO = Levels("loss", ["original", "enhanced"], "original")
 
 
-def drawn(
-    monkeypatch: pytest.MonkeyPatch, rows: pd.DataFrame, levels: Levels, path: Path
-) -> list[Axes]:
+def written(plot: Drawn | None, path: Path) -> list[Path]:
+    """The files of a plot, of which there is one."""
+    assert plot is not None
+    return plot.write(path)
+
+
+def drawn(rows: pd.DataFrame, levels: Levels, path: Path) -> list[Axes]:
     """The panels of a plot, laid out as they are saved."""
-    kept = []
-    close = plt.close
-    with monkeypatch.context() as patch:
-        patch.setattr(plt, "close", lambda figure: kept.append(figure))
-        forest(rows, levels, 1.0, path)
-    (figure,) = kept
-    with plt.rc_context(STYLE):
-        figure.draw_without_rendering()
-    close(figure)
-    return [axes for axes in figure.axes if axes.axison]
+    plot = forest(rows, levels, 1.0)
+    written(plot, path)
+    assert plot is not None
+    with styled():
+        plot.figure.draw_without_rendering()
+    return [axes for axes in plot.figure.axes if axes.axison]
 
 
 @pytest.mark.parametrize(
@@ -57,12 +56,12 @@ def drawn(
     ],
 )
 def test_nothing_is_cut_off_or_lies_on_another(
-    levels: Levels, groups: Sequence[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    levels: Levels, groups: Sequence[str], tmp_path: Path
 ) -> None:
     """Names, numbers and labels lie within the page, and names not on each other."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # matplotlib warns where a panel has no room
-        panels = drawn(monkeypatch, verdict_rows(levels, groups), levels, tmp_path / "f")
+        panels = drawn(verdict_rows(levels, groups), levels, tmp_path / "f")
     assert len(panels) == len(groups)
     for axes in panels:
         page = axes.figure.bbox
@@ -90,10 +89,10 @@ def test_each_verdict_has_a_marker_of_its_own_so_that_grey_tells_them_apart() ->
 
 
 def test_lines_markers_and_numbers_are_those_of_the_rows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
     rows = verdict_rows(GAMMAS, ("VoxelNet",)).iloc[::-1]
-    (axes,) = drawn(monkeypatch, rows, GAMMAS, tmp_path / "forest")
+    (axes,) = drawn(rows, GAMMAS, tmp_path / "forest")
     names = [name.get_text() for name in axes.get_yticklabels()]
     assert names == [f"γ = {level}" for level in GAMMAS.labels[1:]]
     by_level = rows.set_index("level")
@@ -110,21 +109,21 @@ def test_lines_markers_and_numbers_are_those_of_the_rows(
 
 
 def test_zero_and_the_margin_are_in_the_picture_however_far_the_gains_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
     rows = verdict_rows(TWO, ("VoxelNet",), ends={**ENDS, Verdict.BETTER: (30.0, 33.0, 36.0)})
-    (axes,) = drawn(monkeypatch, rows, TWO, tmp_path / "far")
+    (axes,) = drawn(rows, TWO, tmp_path / "far")
     assert axes.get_xlim()[0] == -axes.get_xlim()[1]
     assert axes.get_xlim()[1] > 36
     small = verdict_rows(TWO, ("VoxelNet",), ends={**ENDS, Verdict.BETTER: (0.01, 0.02, 0.03)})
-    (axes,) = drawn(monkeypatch, small, TWO, tmp_path / "near")
+    (axes,) = drawn(small, TWO, tmp_path / "near")
     assert axes.get_xlim()[1] > 1.0
 
 
 def test_it_is_written_with_its_data_and_the_same_data_give_the_same_bytes(tmp_path: Path) -> None:
     rows = verdict_rows(GAMMAS)
-    first = forest(rows, GAMMAS, 1.0, tmp_path / "a")
-    second = forest(rows, GAMMAS, 1.0, tmp_path / "b")
+    first = written(forest(rows, GAMMAS, 1.0), tmp_path / "a")
+    second = written(forest(rows, GAMMAS, 1.0), tmp_path / "b")
     assert is_figure(first)
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
@@ -135,12 +134,12 @@ def test_it_is_written_with_its_data_and_the_same_data_give_the_same_bytes(tmp_p
 
 def test_a_sweep_of_the_baseline_alone_has_no_plot(tmp_path: Path) -> None:
     rows = verdict_rows(GAMMAS)
-    assert forest(rows[rows["level"] == "0"], GAMMAS, 1.0, tmp_path / "none") == []
+    assert forest(rows[rows["level"] == "0"], GAMMAS, 1.0) is None
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_margin_is_seen_in_grey(tmp_path: Path) -> None:
-    forest(verdict_rows(TWO, ("VoxelNet",)), TWO, 1.0, tmp_path / "grey")
+    written(forest(verdict_rows(TWO, ("VoxelNet",)), TWO, 1.0), tmp_path / "grey")
     grey = np.asarray(Image.open(tmp_path / "grey.png").convert("L"))
     assert ((grey > 225) & (grey < 245)).mean() > 0.02
     assert math.isclose(float(np.median(grey)), 255)

@@ -12,7 +12,7 @@ from tests.reports.frames import tidy_scores
 
 def test_last_best_and_honest_best_stand_side_by_side() -> None:
     rows = []
-    for step, ap in ((10, 50.0), (20, 70.0), (30, 60.0)):
+    for step, ap in ((5, 90.0), (10, 50.0), (20, 70.0), (30, 60.0)):  # the first is shared
         front = {
             "trial": "a",
             "group": "VoxelNet",
@@ -26,15 +26,13 @@ def test_last_best_and_honest_best_stand_side_by_side() -> None:
     halved = pd.DataFrame([{"trial": "a", "chosen": 72.0, "other": 66.0}])
     last = scores[scores["step"] == 30]
     best = scores[scores["step"] == 20]
-    table = halves_table(
-        scores, last, best, halved, Levels("gamma", ["0"], "0"), "last", ("a note",)
-    )
+    table = halves_table(scores, last, best, halved, Levels("gamma", ["0"], "0"), ("a note",))
     texts = ["VoxelNet", "0", "60.00", "60.00", "70.00", "72.00", "66.00", "+6.00"]
     assert [[cell.text for cell in row] for row in table.rows] == [texts]
     assert [column.head for column in table.columns[1:4]] == ["γ", "last", "mean of last 3"]
     assert table.notes == (
         "a note",
-        "Best is chosen among 3 checkpoints of a trial.",
+        "Best is chosen among 3 checkpoints of a trial's last stage.",
         "One seed of training.",
     )
     assert to_markdown(table).startswith("Last, best and honest best")
@@ -47,7 +45,7 @@ def test_levels_keep_their_order_and_seeds_are_averaged(labels: list[str]) -> No
     best = scores[scores["step"] == 20]
     chosen = last["seed"].to_numpy() * 10.0
     halved = pd.DataFrame({"trial": last["trial"].to_numpy(), "chosen": chosen, "other": 0.0})
-    table = halves_table(scores, last, best, halved, Levels("loss", labels, labels[0]), "all")
+    table = halves_table(scores, last, best, halved, Levels("loss", labels, labels[0]))
     assert [row[1].text for row in table.rows] == [*labels, *labels]
     assert [row[0].text for row in table.rows] == ["3D-FCN"] * len(labels) + ["VoxelNet"] * len(
         labels

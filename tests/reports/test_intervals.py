@@ -13,12 +13,15 @@ from tests.reports.frames import tidy_scores
 WORDS = {"0": "baseline", "2": "better"}
 
 
-def gain_rows(row: str, marked: bool = True, gain: float = 2.0) -> pd.DataFrame:
+def gain_rows(
+    row: str, marked: bool = True, gain: float = 2.0, seeds_done: int = 3
+) -> pd.DataFrame:
     front = {
         "row": row,
         "metric": "3d",
         "difficulty": "moderate",
         "seeds": 3,
+        "seeds_done": seeds_done,
         "ap": 27.5,
         "ap_high": 30.0,
         "gain": gain,
@@ -57,6 +60,20 @@ def test_the_cell_is_the_ap_of_the_seeds_that_its_interval_is_over() -> None:
     assert table.column("3d_moderate")[5].text == "27.23"
     view = with_intervals(table, gain_rows("2"), "better", verdicts=WORDS)
     assert view.column("3d_moderate")[5].text.startswith("27.50 [")
+
+
+def test_a_row_with_seeds_that_the_baseline_lacks_says_of_how_many_its_cells_are() -> None:
+    view = with_intervals(papers_table("II"), gain_rows("2", seeds_done=5), "better")
+    note = "Here APs are, as their intervals, of the seeds that the baseline has too (2: 3 of 5)."
+    assert view.notes[-2] == note
+    levels = Levels("any", ["original", "enhanced"], "original")
+    scores = tidy_scores(levels.labels, seeds=range(5))
+    table = levels_table(scores[scores["step"] == 30], "VoxelNet", levels, "any", "R40")
+    assert [cell.text for cell in table.column("seeds")] == ["5", "5"]
+    rows = gain_rows("enhanced", seeds_done=5)
+    view = with_intervals(table, rows, "better", average="R40")
+    assert [cell.text for cell in view.column("seeds")] == ["5", "3"]
+    assert view.column("3d_moderate")[1].text == "27.50 [1.0, 30.0]"
 
 
 def test_bold_is_by_the_gain_that_the_cell_is_printed_with() -> None:

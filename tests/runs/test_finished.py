@@ -15,7 +15,7 @@ from fl3d.core.records import Checkpoint, Stage
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.detections import Detections, write_detections
 from fl3d.evaluation.protocol import Protocol
-from fl3d.evaluation.selection import MEAN_3D
+from fl3d.evaluation.selection import BEST_OF_LAST_STAGE, MEAN_3D
 from fl3d.runs.checkpoints import write_marker
 from fl3d.runs.finished import FinishedTrial, is_stored, open_sweep
 from fl3d.runs.layout import StoreFolder
@@ -150,9 +150,10 @@ def test_a_rule_picks_the_checkpoint_that_stands_for_a_trial(ran: World) -> None
     sweep = open_sweep(ran.settings)
     key = GRID[0].key
     assert sweep.steps("last")[key] == 6
-    assert sweep.steps("best")[key] == 4  # of its last stage
-    whole = sweep.select("best", "all").set_index("trial")
-    assert whole.loc[key, "step"] == 2
+    assert sweep.steps("best")[key] == 2  # of the stage that it shares
+    assert sweep.steps(BEST_OF_LAST_STAGE)[key] == 4
+    narrow = replace(sweep, settings=replace(sweep.settings, best_among="last"))
+    assert narrow.steps("best")[key] == narrow.steps(BEST_OF_LAST_STAGE)[key] == 4
     assert sweep.trial(key).last_step == 6
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fl3d.analysis.found import sweep_verdicts
-from fl3d.commands.train import tell_verdicts
+from fl3d.api.training import tell_verdicts
 from fl3d.runs.finished import FinishedSweep
 from fl3d.store.base import Scored
 from fl3d.store.memory import MemoryRun, MemoryStore

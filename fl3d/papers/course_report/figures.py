@@ -1,20 +1,22 @@
-"""Figures of the course report: overlap over epochs (4), both stages (6, 7), 2D detections (8)."""
+"""Figures of the course report: overlap over epochs (4), both detectors (6), both stages (7), 2D detections (8)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
 from fl3d.core.errors import StoreError
-from fl3d.papers.course_report.frustum_tables import DETECTORS
+from fl3d.papers.base import Feeding
+from fl3d.papers.course_report.frustum_tables import DETECTORS, NAMES
 from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models, draw_picture
-from fl3d.reports.figures.style import BLUE, PURPLE, STYLE, panels, save, write_data
+from fl3d.reports.figures.style import BLUE, PURPLE, Drawn, canvas, panels, save, styled
 from fl3d.reports.levels import slug
+from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep
 
 STAGES = ("first stage", "after refinement")
@@ -22,22 +24,27 @@ ONE_TRIAL = "Of the sweep's first trial: one level, one seed of training."
 CAPTIONS = {
     "report_figure_4_pointrcnn": "Report, as Figure 4, of PointRCNN: overlap over epochs; dotted: second stage. "
     f"{ONE_TRIAL}",
-    "report_figure_6_pointrcnn": "Report, as Figure 6, of PointRCNN: proposals above, refined boxes below. "
+    "report_figure_6": "Report, Figure 6: one frame, the final models of PointRCNN above and of Frustum ConvNet below; "
+    "ground truth purple (there green), estimates blue (there red). Of each the first seed of training.",
+    "report_figure_7_pointrcnn": "Report, as Figure 7, of PointRCNN: proposals above, refined boxes below. "
     f"{ONE_TRIAL}",
     "report_figure_4_fconvnet": "Report, Figure 4: overlap of cars over epochs; dotted: refinement sets in. "
     f"{ONE_TRIAL}",
-    "report_figure_6_fconvnet": "Report, Figures 6 and 7: Frustum ConvNet before and after refinement. "
+    "report_figure_7_fconvnet": "Report, Figure 7: Frustum ConvNet before and after refinement. "
     f"{ONE_TRIAL}",
     "report_figure_8": "Report, Figure 8: 2D detections against ground truth; no model of ours is asked.",
 }
 
 
-def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
+def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
     """Draw the report's figures of a sweep of a detector of two stages; of its first trial.
+
+    Figure 6 is of the final models of both detectors, once both are there.
 
     Args:
         sweep: that feeds the table of both detectors; its run folders must be at hand.
         folder: of the figures.
+        feeding: finds the sweeps that feed that table with it.
 
     Raises:
         StoreError: its trials have one stage.
@@ -49,19 +56,46 @@ def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
         raise StoreError(f"{trial.key}: the report's figures need a trial of two stages")
     own = sweep.scores[sweep.scores["trial"] == trial.key]
     name = slug(trial.detector).replace("-", "")
-    written = overlap_over_epochs(own, folder / f"report_figure_4_{name}")
+    epochs = folder / f"report_figure_4_{name}"
+    written = drawn(sweep.drawn_as, overlap_over_epochs, own, epochs)
     first, second = trial.folders[-2:]
     scenes = {
         STAGES[0]: scenes_of(sweep, first, trial.plan.first_own_step),
         STAGES[1]: scenes_of(sweep, second, trial.last_step),
     }
-    written += boxes_of_models(
-        scenes, sweep.protocol.ignore_beyond, folder / f"report_figure_6_{name}"
-    )
+    given = (scenes, sweep.protocol.ignore_beyond, folder / f"report_figure_7_{name}")
+    written += drawn(sweep.drawn_as, boxes_of_models, *given)
     shown = scenes[STAGES[0]]
     if all(scene.frame.image_boxes is not None for scene in shown):
-        written += figure_8(shown, folder / "report_figure_8")
-    return written
+        written += drawn(sweep.drawn_as, figure_8, shown, folder / "report_figure_8")
+    return written + figure_6(feeding(DETECTORS), folder / "report_figure_6")
+
+
+def figure_6(sweeps: Sequence[FinishedSweep], path: Path) -> list[Path]:
+    """The report's Figure 6: what the final models of both detectors find in one frame, that with most cars.
+
+    Args:
+        sweeps: that feed the table of both detectors, whose final models these are.
+        path: without ending.
+
+    Returns:
+        every file written; none where a detector is missing, or its run folders are.
+    """
+    at_hand = [sweep for sweep in sweeps if sweep.is_from_store]
+    models: dict[str, list[Scene]] = {}
+    for detector, name in NAMES.items() if at_hand else ():
+        rows = DETECTORS.models(at_hand, detector)
+        if len(rows):
+            first = rows.sort_values("seed").iloc[0]
+            key, step = str(first["trial"]), int(first["step"])
+            sweep = next(one for one in at_hand if any(own.key == key for own in one.trials))
+            models[name] = scenes_of(sweep, sweep.trial(key).holder(step), step)[:1]
+    frames = {own[0].frame.id for own in models.values()}
+    if len(models) < len(NAMES) or len(frames) > 1:
+        return []
+    return drawn(
+        at_hand[0].drawn_as, boxes_of_models, models, at_hand[0].protocol.ignore_beyond, path
+    )
 
 
 def overlap_over_epochs(scores: pd.DataFrame, path: Path) -> list[Path]:
@@ -97,7 +131,7 @@ def overlap_over_epochs(scores: pd.DataFrame, path: Path) -> list[Path]:
         axes.set_ylabel("3D overlap of cars, and shares above")
         axes.set_ylim(0, 1)
 
-    return [write_data(data, path), *panels(sorted(data["detector"].unique()), path, panel, 3)]
+    return Drawn(panels(sorted(data["detector"].unique()), panel, 3), data).write(path)
 
 
 def figure_8(scenes: list[Scene], path: Path, least: float = 0.5) -> list[Path]:
@@ -108,10 +142,8 @@ def figure_8(scenes: list[Scene], path: Path, least: float = 0.5) -> list[Path]:
         path: without ending.
         least: score.
     """
-    with plt.rc_context(STYLE):
-        figure, grid = plt.subplots(
-            len(scenes), 1, figsize=(5, 1.6 * len(scenes)), squeeze=False, layout="constrained"
-        )
+    with styled():
+        figure, grid = canvas(len(scenes), 1, (5, 1.6 * len(scenes)))
         for axes, scene in zip(grid[:, 0], scenes, strict=True):
             assert scene.frame.image_boxes is not None
             draw_picture(axes, scene)

@@ -75,7 +75,7 @@ class FrustumTable(PaperTable):
 
     def make(self, sweeps: Sequence[FinishedSweep], notes: tuple[str, ...]) -> Table | None:
         """A row a printed setting."""
-        ends = _stage_ends(sweeps)
+        ends = stage_ends(sweeps)
         rows: list[tuple[Cell, ...]] = []
         base: dict[str, list[dict[str, Any]]] = {}
         seeds: dict[str, list[int]] = {}
@@ -138,8 +138,8 @@ def _frustum_row(
     return Cell(section), Cell(str(printed["setting"])), *ours, *theirs
 
 
-def _stage_ends(sweeps: Sequence[FinishedSweep]) -> list[dict[str, Any]]:
-    """Last checkpoints of first stages, and of second ones, with their ``stage`` and ``values``.
+def stage_ends(sweeps: Sequence[FinishedSweep]) -> list[dict[str, Any]]:
+    """Last checkpoints of first stages, and of second ones, with their ``stage``, ``values`` and ``sweep``'s name.
 
     A first stage that several trials share is one.
     """
@@ -162,7 +162,8 @@ def _stage_ends(sweeps: Sequence[FinishedSweep]) -> list[dict[str, Any]]:
                     values = swept(trial.plan)
                     row = {str(name): value for name, value in last.items()}
                     found.setdefault(
-                        (stage, key, trial.seed), row | {"stage": stage, "values": values}
+                        (stage, key, trial.seed),
+                        row | {"stage": stage, "values": values, "sweep": sweep.name},
                     )
     return list(found.values())
 
@@ -185,7 +186,7 @@ class DetectorsTable(PaperTable):
 
     def make(self, sweeps: Sequence[FinishedSweep], notes: tuple[str, ...]) -> Table | None:
         """Two rows a detector: ours and the report's."""
-        models = {detector: self._models(sweeps, detector) for detector in NAMES}
+        models = {detector: self.models(sweeps, detector) for detector in NAMES}
         models = {
             detector: own
             for detector, own in models.items()
@@ -235,7 +236,7 @@ class DetectorsTable(PaperTable):
             title=self.title,
         )
 
-    def _models(self, sweeps: Sequence[FinishedSweep], detector: str) -> pd.DataFrame:
+    def models(self, sweeps: Sequence[FinishedSweep], detector: str) -> pd.DataFrame:
         """A detector's final models, a row a seed; of several settings those of the highest mean."""
         parts = []
         for sweep in sweeps:

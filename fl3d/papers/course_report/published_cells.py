@@ -12,5 +12,5 @@ from fl3d.papers.base import published
 
 
 def published_table(name: str) -> pd.DataFrame:
-    """Cells of a table, ``R1`` to ``R7``."""
+    """Cells of a table, ``R1`` to ``R7``, or of Figure 5, which is one: ``R_figure_5``."""
     return published("fl3d.papers.course_report", name)

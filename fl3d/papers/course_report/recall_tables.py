@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any, ClassVar
 
+import pandas as pd
+
 from fl3d.core.errors import ConfigError
 from fl3d.evaluation.selection import select
 from fl3d.papers.base import PaperTable
@@ -15,6 +17,7 @@ from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.plans import FrozenTrial
 
 OVERLAPS = ("0.1", "0.3", "0.5", "0.7", "0.9")
+KEYS = [f"recall_3d/{overlap}" for overlap in OVERLAPS]  # of scores
 NETWORKS = (
     "Box Proposal",
     "Box Refinement",
@@ -90,18 +93,21 @@ class RecallTable(PaperTable):
 
     def _rows(self, sweep: FinishedSweep) -> dict[Front, list[str]]:
         """Printed recalls by front texts, in the order of what they are swept over."""
+        means = {row: own[KEYS].mean() for row, own in self.models(sweep).items()}
+        return {row: [f"{own[key]:.3f}" for key in KEYS] for row, own in means.items()}
+
+    def models(self, sweep: FinishedSweep) -> dict[Front, pd.DataFrame]:
+        """The scores that each row is the mean of, one a seed, in the order of what they are swept over."""
         fronts = {trial.key: self.front(trial.plan) for trial in sweep.trials}
         parts = [(NETWORKS[1], sweep.select("last"))]
         if self.has_networks:
             first = sweep.scores[sweep.scores["step"] <= sweep.scores["first_own_step"]]
             parts = [(NETWORKS[0], select(first, "last")), *parts]
-        keys = [f"recall_3d/{overlap}" for overlap in OVERLAPS]
-        found: dict[Front, list[str]] = {}
+        found: dict[Front, pd.DataFrame] = {}
         for front in sorted(set(fronts.values()), key=_by_number):
             for network, rows in parts:
-                own = rows[rows["trial"].map(fronts) == front][keys].mean()
                 row = (*front, network) if self.has_networks else front
-                found[row] = [f"{own[key]:.3f}" for key in keys]
+                found[row] = rows[rows["trial"].map(fronts) == front]
         return found
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fl3d.evaluation.intervals import Interval, Sample, interval
-from fl3d.papers.focal_loss.claim import Claim, interval_text, seeds_in, too_few, word_of
+from fl3d.evaluation.intervals import Interval, interval
+from fl3d.papers.claim import Claim, interval_text, over_seeds, seeds_in, too_few, word_of
 from fl3d.papers.focal_loss.window_figures import Array, cumulative_loss
 
 WHERE = "§VI-B, Fig. 4"
@@ -100,7 +100,7 @@ def _from_few(models: Sequence[Carried]) -> Claim:
     values = [one.few for one in models]
     word = ""
     if values:
-        found = interval(_sample(values))
+        found = interval(over_seeds(values))
         is_apart = not found.low <= MOST <= found.high
         side = "above" if found.low > MOST else "below"
         word = f"{side} {MOST:.0%}" if is_apart else f"not distinguishable from {MOST:.0%}"
@@ -123,7 +123,7 @@ def _difference(text: str, printed: str, shown: str, values: Sequence[float]) ->
     few = too_few(len(values))
     if few:
         return Claim(WHERE, text, printed, "", f"{shown}; {seeds_in(len(values))}", f"ours: {few}")
-    found = interval(_sample(values))
+    found = interval(over_seeds(values))
     ours = f"{shown}: {interval_text(found)}; {seeds_in(len(values))}"
     return Claim(WHERE, text, printed, "", ours, f"ours: {word_of(found)}")
 
@@ -133,7 +133,7 @@ def _told(text: str, printed: str, values: Sequence[float], word: str) -> Claim:
     if not values:
         return Claim(WHERE, text, printed, "", "", "")
     few = too_few(len(values))
-    shown = f"{np.mean(values):.0%}" if few else _share_text(interval(_sample(values)))
+    shown = f"{np.mean(values):.0%}" if few else _share_text(interval(over_seeds(values)))
     return Claim(
         WHERE, text, printed, "", f"{shown}; {seeds_in(len(values))}", f"ours: {few or word}"
     )
@@ -141,8 +141,3 @@ def _told(text: str, printed: str, values: Sequence[float], word: str) -> Claim:
 
 def _share_text(found: Interval) -> str:
     return f"{found.value:.0%} [{found.low:.0%}, {found.high:.0%}]"
-
-
-def _sample(values: Sequence[float]) -> Sample:
-    """A number of each seed, that frames are not resampled for."""
-    return Sample(np.array(values), np.array([np.mean(values)]))

@@ -1,9 +1,10 @@
-"""Figures 1, 4 and 5 of the paper, and the imbalance by height (§III-B), of a sweep over gamma."""
+"""Figures 1, 4 and 5 of the paper, Figure 1 of its arXiv version, and the imbalance by height: of a sweep over γ."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -11,56 +12,74 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fl3d.analysis.ahead import Job, window_jobs
+from fl3d.analysis.contributions import Contributions
 from fl3d.config.compose import compose_config
 from fl3d.core.errors import StoreError
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.inference.load import build_detector
 from fl3d.inference.windows import Place, windows_of
-from fl3d.papers.base import with_values
-from fl3d.papers.focal_loss.tables import GAMMA, LAST_TABLES, best_pairs, gamma_of, is_over_gamma
-from fl3d.papers.focal_loss.window_figures import figure_4, figure_5, imbalance_by_height
+from fl3d.papers.base import Feeding, with_values
+from fl3d.papers.focal_loss.best_models import BEST_OWN_MODELS, best_pairs
+from fl3d.papers.focal_loss.tables import GAMMA, LAST_TABLES, gamma_of, is_over_gamma
+from fl3d.papers.focal_loss.window_figures import (
+    BOXES,
+    HITS,
+    WINDOWS,
+    figure_4,
+    figure_5,
+    focal_curves,
+    imbalance_by_height,
+)
 from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models
 from fl3d.reports.levels import slug
-from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.drawn import drawn
+from fl3d.runs.finished import FinishedSweep, FinishedTrial
 from fl3d.runs.kept import Arrays, code_digest, is_kept, kept
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.spec import read_spec
 
 FULL_GRID = ("detector=fcn3d", "profile=paper")
 COUNTED = 1000  # training frames over which positives by height are counted
-FIRST_SEED = "Models of the first seed of training that each γ has."
+OF_LAST_STAGE = "Best models of the last stage, of the first seed of training that each γ has."
 CAPTIONS = {
     "figure_1_3dfcn": "Figure 1. 3D-FCN: BCE above, focal loss below; ground truth purple, estimates blue. "
-    f"{FIRST_SEED}",
+    f"{OF_LAST_STAGE}",
     "figure_1_voxelnet": "Figure 1. VoxelNet: BCE above, focal loss below; ground truth purple, estimates blue. "
-    f"{FIRST_SEED}",
+    f"{OF_LAST_STAGE}",
+    "figure_1_arxiv": "Figure 1 of the arXiv version. Focal loss of a window over its posterior probability, by γ; in "
+    "grey the windows that are classified well. Of the formula alone, no model is asked.",
     "figure_4": "Figure 4. Cumulative normalised loss of the best focal models' windows, under each γ. "
-    f"{FIRST_SEED}",
-    "figure_5": "Figure 5. Posterior probability of positive windows, last models; of each γ the windows of all its "
-    "seeds of training, pooled.",
+    f"{OF_LAST_STAGE}",
+    "figure_5": "Figure 5. Posterior probability of positives, last models; of each γ those of all its seeds of "
+    "training, pooled. Above: all boxes that the evaluation gets, after its score cut and suppression; in the middle: "
+    "of these the ones that it counts as found cars; below: windows that the labels make positive.",
     "imbalance_by_height": "Positive windows of 3D-FCN by height, and how many negatives stand against each (§III-B); "
     "of labels and windows alone, no model is asked.",
 }
 
 
-def draw(sweep: FinishedSweep, folder: Path) -> list[Path]:
+def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
     """Draw the paper's figures of a sweep over gamma; every file written, none for other sweeps.
 
     Args:
         sweep: its run folders must be at hand.
         folder: of the figures.
+        feeding: not asked; all is of this sweep.
     """
     if not _is_drawn(sweep):
         return []
     written = _posteriors(sweep, folder)
     written += _cumulative_losses(sweep, folder)
-    written += imbalance_by_height(_heights(sweep), folder / "imbalance_by_height")
+    curves = (_gammas(sweep), folder / "figure_1_arxiv")
+    written += drawn(sweep.drawn_as, focal_curves, *curves)
+    heights = (_heights(sweep), folder / "imbalance_by_height")
+    written += drawn(sweep.drawn_as, imbalance_by_height, *heights)
     return written + _scenes(sweep, folder)
 
 
 def jobs(place: int, sweep: FinishedSweep) -> Iterator[Job]:
-    """Windows that figures and claims need, and the count of positives by height, as far as they are not kept.
+    """Windows and boxes that figures and claims need, and positives by height, as far as they are not kept.
 
     Args:
         place: of the sweep.
@@ -68,8 +87,16 @@ def jobs(place: int, sweep: FinishedSweep) -> Iterator[Job]:
     """
     if _is_drawn(sweep):
         yield from window_jobs(place, sweep, _windows(sweep))
+        made = Contributions(sweep)
+        for trial in sweep.trials:
+            if made.lacks_posteriors(trial):
+                yield Job(place, 1, _make_boxes, (trial.key,))
         if not is_kept(*_counted(sweep)):
             yield Job(place, 1, _positives_by_height)
+        for detector in dict.fromkeys(detector for detector, *_ in _best(sweep)):
+            kept_as = sweep.drawn_as(_scenes_name(detector))
+            if kept_as is not None and not kept_as.exists():  # an old one is the report's to see
+                yield Job(place, 1, _draw_ahead, (detector,))
 
 
 def _is_drawn(sweep: FinishedSweep) -> bool:
@@ -79,7 +106,7 @@ def _is_drawn(sweep: FinishedSweep) -> bool:
 def _windows(sweep: FinishedSweep) -> list[Place]:
     """Checkpoints whose windows are looked at: all last ones, and the best focal models of all seeds."""
     places = [(trial.folder, trial.last_step) for trial in sweep.trials]
-    chosen = with_values(sweep, sweep.select("best"), {"gamma": GAMMA})
+    chosen = with_values(sweep, sweep.select(BEST_OWN_MODELS.rule), {"gamma": GAMMA})
     for detector, _, _, gamma in _best(sweep):
         is_own = (chosen["detector"] == detector) & (chosen["gamma"].astype(float) == gamma)
         own = chosen[is_own] if gamma > 0 else chosen[:0]
@@ -90,32 +117,54 @@ def _windows(sweep: FinishedSweep) -> list[Place]:
 
 def _posteriors(sweep: FinishedSweep, folder: Path) -> list[Path]:
     """Figure 5, of the last models; seeds are pooled."""
-    pooled: dict[tuple[str, float], list[np.ndarray]] = {}
+    pooled: dict[tuple[str, str, float], list[np.ndarray]] = {}
+    for trial, kind, own in posteriors_of(sweep):
+        key = (trial.detector, kind, gamma_of(trial.plan))
+        pooled.setdefault(key, []).append(own)
+    posteriors = {key: np.concatenate(own) for key, own in pooled.items()}
+    return drawn(sweep.drawn_as, figure_5, posteriors, folder / "figure_5")
+
+
+def posteriors_of(
+    sweep: FinishedSweep,
+) -> Iterator[tuple[FinishedTrial, str, NDArray[np.float64]]]:
+    """Posteriors of each trial's last model, of all that may be taken for its positives: trial, kind, (N,)."""
+    made = Contributions(sweep)
     for trial in sweep.trials:
+        boxes = made.posteriors(trial)
         logits = windows_of(sweep, trial.folder, trial.last_step).positive.astype(np.float64)
-        pooled.setdefault((trial.detector, gamma_of(trial.plan)), []).append(
-            1 / (1 + np.exp(-logits))
-        )
-    return figure_5({key: np.concatenate(own) for key, own in pooled.items()}, folder / "figure_5")
+        yield trial, BOXES, boxes.boxes
+        yield trial, HITS, boxes.hits
+        yield trial, WINDOWS, 1 / (1 + np.exp(-logits))
+
+
+def _make_boxes(sweep: FinishedSweep, key: str) -> None:
+    Contributions(sweep).posteriors(sweep.trial(key))
 
 
 def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
-    """Figure 4, of the best focal models (Table IV, rows 2 and 4), their first seed."""
+    """Figure 4, of the best focal models (Table IV, rows 2 and 4; of the last stage), their first seed."""
     sampled = {}
     for detector, trial, step, gamma in _best(sweep):
         if gamma > 0:
             windows = windows_of(sweep, sweep.trial(trial).holder(step), step)
             sampled[detector] = (windows.positive, windows.negative)
-    gammas = sorted({gamma_of(trial.plan) for trial in sweep.trials})
-    return figure_4(sampled, gammas, folder / "figure_4")
+    return drawn(sweep.drawn_as, figure_4, sampled, _gammas(sweep), folder / "figure_4")
+
+
+def _gammas(sweep: FinishedSweep) -> list[float]:
+    return sorted({gamma_of(trial.plan) for trial in sweep.trials})
 
 
 def _best(sweep: FinishedSweep) -> list[tuple[str, str, int, float]]:
-    """Detector, trial, step and gamma of the models of Table IV; of several seeds the first."""
-    chosen = with_values(sweep, sweep.select("best"), {"gamma": GAMMA})
+    """Detector, trial, step and gamma of the best models of the last stage; of several seeds the first.
+
+    Those of Table IV may be older than the focal loss that their row names.
+    """
+    chosen = with_values(sweep, sweep.select(BEST_OWN_MODELS.rule), {"gamma": GAMMA})
     chosen = chosen.assign(gamma=chosen["gamma"].astype(float))
     found = []
-    for _, pair in best_pairs(sweep).iterrows():
+    for _, pair in best_pairs(sweep, BEST_OWN_MODELS).iterrows():
         same = chosen[(chosen["detector"] == pair["detector"]) & (chosen["gamma"] == pair["gamma"])]
         first = same.sort_values("seed").iloc[0]
         found.append(
@@ -177,16 +226,27 @@ def _positives_by_height(sweep: FinishedSweep) -> NDArray[np.float64]:
     return kept(*_counted(sweep), make)["counts"]
 
 
-def _scenes(sweep: FinishedSweep, folder: Path) -> list[Path]:
+def _scenes(sweep: FinishedSweep, folder: Path, only: str | None = None) -> list[Path]:
     """Figure 1 of each detector: its best models with BCE and with the focal loss, on the frames with most cars."""
     models: dict[str, dict[str, list[Scene]]] = {}
     for detector, trial, step, gamma in _best(sweep):
-        label = f"{detector}, BCE" if gamma == 0 else f"{detector}, focal loss, γ = {gamma:g}"
-        models.setdefault(detector, {})[label] = scenes_of(
-            sweep, sweep.trial(trial).holder(step), step
-        )
+        if only in (None, detector):
+            label = f"{detector}, BCE" if gamma == 0 else f"{detector}, focal loss, γ = {gamma:g}"
+            models.setdefault(detector, {})[label] = scenes_of(
+                sweep, sweep.trial(trial).holder(step), step
+            )
     written: list[Path] = []
     for detector, pair in models.items():
-        name = f"figure_1_{slug(detector).replace('-', '')}"
-        written += boxes_of_models(pair, sweep.protocol.ignore_beyond, folder / name)
+        given = (pair, sweep.protocol.ignore_beyond, folder / _scenes_name(detector))
+        written += drawn(sweep.drawn_as, boxes_of_models, *given)
     return written
+
+
+def _scenes_name(detector: str) -> str:
+    return f"figure_1_{slug(detector).replace('-', '')}"
+
+
+def _draw_ahead(sweep: FinishedSweep, detector: str) -> None:
+    """Draw a detector's Figure 1, which takes as long as all others together, and keep it."""
+    with TemporaryDirectory() as folder:
+        _scenes(sweep, Path(folder), detector)

@@ -15,7 +15,7 @@ from functools import cache
 import pandas as pd
 
 from fl3d.evaluation.intervals import Interval, Sample, joint_intervals
-from fl3d.papers.focal_loss.claim import Claim, interval_text, seeds_in, too_few, word_of
+from fl3d.papers.claim import Claim, interval_text, seeds_in, too_few, word_of
 from fl3d.papers.focal_loss.published_cells import published_table
 from fl3d.papers.focal_loss.tables import LAST_TABLES
 from fl3d.reports.table import AP_COLUMNS

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from torch import nn
 
@@ -10,40 +12,24 @@ from fl3d.data.voxels import occupancy
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.detectors.voxelnet import VoxelNet
 from fl3d.inference.load import build_detector
-from fl3d.papers.focal_loss.claim import Claim
+from fl3d.papers.claim import Claim
 from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.kept import Arrays, code_digest, kept
+from fl3d.runs.layout import StoreFolder
 from fl3d.runs.spec import read_spec
 
 LOOKED_AT = 100  # frames that voxels and windows are counted on
+HERE = ("papers/focal_loss/network_claims.py",)
 
 
 def network_claims(sweep: FinishedSweep) -> list[Claim]:
     """Windows, layers and voxels of the networks at full size, on frames of the sweep's own data."""
-    fcn, voxelnet = (
-        build_detector(compose_config([f"detector={d}", "profile=paper"]))
-        for d in ("fcn3d", "voxelnet")
+    found = _counts(sweep)
+    positives, voxels = found["positives"], found["voxels"]
+    cells, n_cells, n_anchors, convolutions = (
+        int(found[name]) for name in ("cells", "windows_fcn3d", "windows_voxelnet", "convolutions")
     )
-    assert isinstance(fcn, FCN3D)
-    assert isinstance(voxelnet, VoxelNet)
-    layers = [
-        m for m in voxelnet.modules() if isinstance(m, nn.Conv2d | nn.Conv3d | nn.ConvTranspose2d)
-    ]
-    convolutions = len(layers) - 2  # the heads are not counted
-    kitti = sweep.kitti()
-    voxels = []
-    positives = []
-    for frame_id in read_spec(sweep.trials[0].folder).machine.train_ids[:LOOKED_AT]:
-        frame = kitti.frame(frame_id)
-        voxels.append(len(occupancy(frame.points_velo, voxelnet.grid)))
-        positives.append(
-            len(voxelnet.encode(frame, np.random.default_rng(0), training=True)["positive"])
-        )
-    cells, n_cells, n_anchors = (
-        int(np.prod(voxelnet.grid.shape)),
-        int(np.prod(fcn.cells)),
-        len(voxelnet.anchors),
-    )
-    few = np.mean(np.array(positives) < 30)
+    few = np.mean(positives < 30)
     rows = (
         (
             "§III-B",
@@ -87,6 +73,44 @@ def network_claims(sweep: FinishedSweep) -> list[Claim]:
         ),
     )
     return [Claim(*row) for row in rows]
+
+
+def _counts(sweep: FinishedSweep) -> Arrays:
+    """What is counted: kept, for to build both networks takes longer than all other claims."""
+    kitti = sweep.kitti()
+    spec = read_spec(sweep.trials[0].folder)
+    ids = spec.machine.train_ids[:LOOKED_AT]
+    configs = [compose_config([f"detector={d}", "profile=paper"]) for d in ("fcn3d", "voxelnet")]
+
+    def make() -> Arrays:
+        fcn, voxelnet = (build_detector(config) for config in configs)
+        assert isinstance(fcn, FCN3D)
+        assert isinstance(voxelnet, VoxelNet)
+        kinds = nn.Conv2d | nn.Conv3d | nn.ConvTranspose2d
+        layers = [module for module in voxelnet.modules() if isinstance(module, kinds)]
+        voxels, positives = [], []
+        for frame_id in ids:
+            frame = kitti.frame(frame_id)
+            voxels.append(len(occupancy(frame.points_velo, voxelnet.grid)))
+            sample = voxelnet.encode(frame, np.random.default_rng(0), training=True)
+            positives.append(len(sample["positive"]))
+        counts: dict[str, Any] = {
+            "voxels": voxels,
+            "positives": positives,
+            "cells": np.prod(voxelnet.grid.shape),
+            "windows_fcn3d": np.prod(fcn.cells),
+            "windows_voxelnet": len(voxelnet.anchors),
+            "convolutions": len(layers) - 2,  # the heads are not counted
+        }
+        return {name: np.array(count) for name, count in counts.items()}
+
+    made_of = {
+        "frames": kitti.digest(ids),
+        "read": spec.stage.config["data"],
+        "configs": [{key: one[key] for key in ("detector", "loss")} for one in configs],
+        "code": code_digest("geometry", "data", "losses.py", "sparse", "detectors", *HERE),
+    }
+    return kept(StoreFolder(sweep.settings.store.root).kept("full_size"), made_of, make)
 
 
 def _holds(is_so: bool) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from fl3d.evaluation.intervals import Sample, joint_intervals
-from fl3d.papers.focal_loss.claim import Claim, interval_text, seeds_in, too_few, word_of
+from fl3d.papers.claim import Claim, interval_text, seeds_in, too_few, word_of
 from fl3d.papers.focal_loss.gain_claims import published_last
 
 WHERE = "§VI-A"

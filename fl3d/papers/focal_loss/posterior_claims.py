@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fl3d.evaluation.intervals import Interval, Sample, interval, joint_intervals
-from fl3d.papers.focal_loss.claim import Claim, interval_text, seeds_in, too_few, word_of
+from fl3d.evaluation.intervals import Interval, interval, joint_intervals
+from fl3d.papers.claim import Claim, interval_text, over_seeds, seeds_in, too_few, word_of
 from fl3d.papers.focal_loss.window_figures import BINS, Array, cumulative_loss
 
 HARDEST = 0.15  # of the positives, that carry half of their loss
@@ -37,7 +37,7 @@ def peak_of(posteriors: Array) -> Peak:
     return Peak(float(counts[highest]) / max(1, len(posteriors)) * BINS, edges[highest] + BIN / 2)
 
 
-def peak_claim(detector: str, peaks: Mapping[float, Mapping[int, Peak]]) -> Claim:
+def peak_claim(detector: str, kind: str, peaks: Mapping[float, Mapping[int, Peak]]) -> Claim:
     """As gamma grows, the peak of the positives' posteriors decreases and moves lower.
 
     Judged by the largest gamma against gamma = 0, seed by seed: height and place by t intervals over seeds that hold
@@ -45,11 +45,10 @@ def peak_claim(detector: str, peaks: Mapping[float, Mapping[int, Peak]]) -> Clai
 
     Args:
         detector: whose.
+        kind: what is taken for its positives, see ``window_figures.KINDS``.
         peaks: of its last models, by gamma and seed.
     """
-    text = (
-        f"the peak of the posteriors of {detector}'s positives decreases and moves lower as γ grows"
-    )
+    text = f"the peak of the posteriors of {detector}'s {kind} decreases and moves lower as γ grows"
     where = "§VI-C, Fig. 5"
     largest = max(peaks, default=0.0)
     seeds = sorted(set(peaks.get(0.0, {})) & set(peaks.get(largest, {}))) if largest > 0 else []
@@ -65,8 +64,8 @@ def peak_claim(detector: str, peaks: Mapping[float, Mapping[int, Peak]]) -> Clai
         )
     height, place = joint_intervals(
         [
-            _over_seeds([focal.height - base.height for base, focal in pairs]),
-            _over_seeds([focal.place - base.place for base, focal in pairs]),
+            over_seeds([focal.height - base.height for base, focal in pairs]),
+            over_seeds([focal.place - base.place for base, focal in pairs]),
         ]
     )
     place = _as_exact_as_bins(place)
@@ -80,11 +79,6 @@ def _mean_text(peaks: Sequence[Peak]) -> str:
     height = float(np.mean([peak.height for peak in peaks]))
     place = float(np.mean([peak.place for peak in peaks]))
     return f"{height:.1f} at {place:.2f}"
-
-
-def _over_seeds(values: Sequence[float]) -> Sample:
-    """A number of each seed, that frames are not resampled for."""
-    return Sample(np.array(values), np.array([np.mean(values)]))
 
 
 def _as_exact_as_bins(difference: Interval) -> Interval:
@@ -112,7 +106,7 @@ def half_claim(gamma: float, shares: Sequence[tuple[float, float]]) -> Claim:
     under_zero, under_gamma = np.mean(shares, axis=0)
     ours = f"{under_zero:.0%} under γ = 0, {under_gamma:.0%} under γ = {gamma:g}"
     few = too_few(len(shares))
-    found = interval(_over_seeds([zero for zero, _ in shares]))
+    found = interval(over_seeds([zero for zero, _ in shares]))
     if not few:
         ours += f"; under γ = 0 [{found.low:.0%}, {found.high:.0%}]"
     verdict = f"ours: {few or _about_half(found)}"

@@ -1,4 +1,4 @@
-"""Tables II to V of the paper: layout, decimals and bold rule as printed."""
+"""Tables II, III and V of the paper: layout, decimals and bold rule as printed."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ import pandas as pd
 
 from fl3d.analysis.found import Judged
 from fl3d.core.errors import ConfigError
-from fl3d.evaluation.selection import MEAN_3D
 from fl3d.papers.base import PaperTable, with_values
 from fl3d.papers.beside import Published, beside
-from fl3d.papers.focal_loss.published_cells import ARXIV, published_table
+from fl3d.papers.focal_loss.published_cells import published_table
 from fl3d.papers.judged_views import intervals_by_level
-from fl3d.reports.intervals import with_intervals
 from fl3d.reports.seeds import PAIRED, better_in_pairs, seeds_note
 from fl3d.reports.table import AP_COLUMNS, APS, Cell, Column, Table
 from fl3d.runs.finished import FinishedSweep
@@ -25,10 +23,11 @@ BASE = "better than γ = 0"
 BOLD = f"AP in percent; bold: {BASE}"
 FORMS = {False: "Original", True: "Enhanced"}
 METRICS = list(AP_COLUMNS.values())
-SELECTED = (
-    "Checkpoint and γ were chosen on these frames, which the intervals do not cover: no gain is marked here, and bold "
-    "alone says nothing (choosing among equals makes four of five cells bold)."
-)
+# Tables whose rows are gammas: the figures and the claims of the paper are about sweeps that feed one.
+OVER_GAMMA = {
+    *("focal_loss.last_3d_fcn", "focal_loss.last_voxelnet"),
+    *("focal_loss.best_models", "focal_loss.best_of_last_stage"),
+}
 
 
 def gamma_of(trial: FrozenTrial) -> float:
@@ -73,7 +72,7 @@ class LastModels(PaperTable):
         rows = []
         seeds = {}
         for gamma, own in models.groupby("gamma", sort=True):
-            rows.append((Cell(f"{gamma:g}"), *_ap_cells(own, base)))
+            rows.append((Cell(f"{gamma:g}"), *ap_cells(own, base)))
             seeds[f"γ = {gamma:g}"] = own["seed"]
         caption = f"Evaluation results on the validation split for last models of {self.detector}"
         columns = (Column("gamma", "γ"), *APS)
@@ -82,75 +81,13 @@ class LastModels(PaperTable):
 
     def beside(self, table: Table) -> Table | None:
         """Rows are matched by gamma."""
-        printed = {f"{float(row['gamma']):g}": row for row in _records(self.number)}
+        printed = {f"{float(row['gamma']):g}": row for row in records(self.number)}
         published = Published(rows=printed, base_of=lambda key: "0", is_ordered=True)
         return beside(table, [cell.text for cell in table.column("gamma")], published)
 
     def intervals(self, table: Table, judged: Judged) -> Table | None:
         """Gains over the baseline; None where no trial of it is done."""
         return intervals_by_level(table, judged, self.detector, BASE)
-
-
-class BestModels(PaperTable):
-    """Table IV: for each detector the best model with gamma = 0 and the best with any gamma > 0."""
-
-    name = "focal_loss.best_models"
-    number = "IV"
-    title = "Table IV."
-    rule = "best"
-
-    def row_of(self, trial: FrozenTrial) -> Hashable:
-        """Its detector and gamma; the table chooses among these."""
-        return trial.detector, gamma_of(trial)
-
-    def make(self, sweeps: Sequence[FinishedSweep], notes: tuple[str, ...]) -> Table | None:
-        """Two rows a detector."""
-        pairs = best_pairs(sweeps[0])
-        if pairs.empty:
-            return None
-        models = models_by_gamma(sweeps[0], self.rule, self)
-        rows = []
-        seeds = {}
-        for _, row in pairs.iterrows():
-            same = models[models["detector"] == row["detector"]]
-            own = same[same["gamma"] == row["gamma"]]
-            rows.append((*_front_cells(row), *_ap_cells(own, same[same["gamma"] == 0])))
-            seeds[f"{row['detector']} γ = {row['gamma']:g}"] = own["seed"]
-        columns = (
-            Column("detector", "Detector"),
-            Column("gamma", "γ"),
-            Column("lr", "lr"),
-            Column("step", "Step"),
-            *APS,
-        )
-        caption = "Evaluation results on the validation split for best models"
-        notes = (*notes, seeds_note(seeds, PAIRED))
-        order = ("detector", "lr", "step", "gamma", *AP_COLUMNS)
-        return Table(
-            self.number, caption, columns, tuple(rows), BOLD, notes, order, title=self.title
-        )
-
-    def beside(self, table: Table) -> Table | None:
-        """Rows are matched by detector and by whether gamma is 0, since the best gamma may be another."""
-        printed = {_best_key(row["detector"], row["gamma"]): row for row in _records(self.number)}
-        arxiv = {
-            _best_key(row["detector"], row["gamma"]): row for row in _records(ARXIV[self.number])
-        }
-        published = Published(rows=printed, base_of=_best_base, earlier=arxiv)
-        pairs = zip(table.column("detector"), table.column("gamma"), strict=True)
-        keys = [_best_key(detector.text, gamma.text) for detector, gamma in pairs]
-        theirs = [
-            f"{r['detector']} γ = {r['gamma']}, lr {r['lr']}, step {r['step']}"
-            for r in printed.values()
-        ]
-        return beside(table, keys, published, (f"The paper's rows: {'; '.join(theirs)}.",))
-
-    def intervals(self, table: Table, judged: Judged) -> Table:
-        """APs of the best models, and no marks: checkpoint and gamma were chosen on the frames that judge them."""
-        gains = judged.gains
-        rows = gains.assign(row=gains["group"] + " " + gains["level"])
-        view = with_intervals(table, rows, BASE, key_columns=2)
-        return view.with_notes(*view.notes, SELECTED)
 
 
 class LossForms(PaperTable):
@@ -185,7 +122,7 @@ class LossForms(PaperTable):
         seeds = {}
         for form, own in chosen.groupby("normalize", sort=True):
             name = FORMS[bool(form)]
-            rows.append((Cell(name), *_ap_cells(own, chosen[chosen["normalize"] != form])))
+            rows.append((Cell(name), *ap_cells(own, chosen[chosen["normalize"] != form])))
             seeds[name] = own["seed"]
         caption = f"Evaluation results of last models of {self.detector} for the original and the enhanced loss"
         legend = "AP in percent; bold: the better one"
@@ -195,7 +132,7 @@ class LossForms(PaperTable):
 
     def beside(self, table: Table) -> Table | None:
         """Rows are matched by the loss."""
-        printed = {row["loss"]: row for row in _records(self.number)}
+        printed = {row["loss"]: row for row in records(self.number)}
         published = Published(rows=printed, base_of=lambda key: FORMS[False])
         return beside(table, [cell.text for cell in table.column("loss")], published)
 
@@ -207,29 +144,13 @@ class LossForms(PaperTable):
 
 LAST_3D_FCN = LastModels("focal_loss.last_3d_fcn", "II", "3D-FCN")
 LAST_VOXELNET = LastModels("focal_loss.last_voxelnet", "III", "VoxelNet")
-BEST_MODELS = BestModels()
 LOSS_FORMS = LossForms()
 LAST_TABLES = {table.detector: table for table in (LAST_3D_FCN, LAST_VOXELNET)}
 
 
 def is_over_gamma(sweep: FinishedSweep) -> bool:
-    """Whether a sweep feeds a table over gamma: the figures and the claims of the paper are about such."""
-    over_gamma = {LAST_3D_FCN.name, LAST_VOXELNET.name, BEST_MODELS.name}
-    return bool(over_gamma & set(sweep.settings.sweep.tables))
-
-
-def best_pairs(sweep: FinishedSweep) -> pd.DataFrame:
-    """Of each detector the best model with gamma = 0 and, of all gamma > 0, the one of highest mean 3D AP."""
-    every = by_gamma(sweep, "best", BEST_MODELS)
-    pairs = []
-    for detector in sorted(every["detector"].unique()) if len(every) else ():
-        chosen = every[every["detector"] == detector]
-        base = baseline(chosen)
-        focal = chosen[chosen["gamma"] > 0]
-        pairs += [] if base is None else [base]
-        if len(focal):
-            pairs.append(focal.iloc[int(focal[MEAN_3D].mean(axis=1).to_numpy().argmax())])
-    return pd.DataFrame(pairs).reset_index(drop=True)
+    """Whether a sweep feeds a table over gamma."""
+    return bool(OVER_GAMMA & set(sweep.settings.sweep.tables))
 
 
 def models_by_gamma(sweep: FinishedSweep, rule: str, table: PaperTable) -> pd.DataFrame:
@@ -260,40 +181,14 @@ def by_gamma(sweep: FinishedSweep, rule: str, table: PaperTable) -> pd.DataFrame
     return pd.DataFrame(rows).reset_index(drop=True)
 
 
-def baseline(chosen: pd.DataFrame) -> pd.Series | None:
-    """The row with gamma = 0."""
-    zero = chosen[chosen["gamma"] == 0]
-    return zero.iloc[0] if len(zero) else None
-
-
-def _ap_cells(own: pd.DataFrame, base: pd.DataFrame) -> list[Cell]:
+def ap_cells(own: pd.DataFrame, base: pd.DataFrame) -> list[Cell]:
     """Means of some seeds, two decimals; bold where better than the base."""
     better = better_in_pairs(own, base, METRICS)
     return [Cell(f"{own[m].mean():.2f}", bold) for m, bold in zip(METRICS, better, strict=True)]
 
 
-def _front_cells(row: pd.Series) -> list[Cell]:
-    steps = row["step"].split("/")
-    printed = "/".join(f"{int(s) / 1000:.0f}k" if int(s) >= 10_000 else s for s in steps)
-    lr = Cell(format_lr(float(row["lr"])), raw=f"{row['lr']:g}")
-    return [Cell(row["detector"]), Cell(f"{row['gamma']:g}"), lr, Cell(printed, raw=row["step"])]
-
-
-def format_lr(lr: float) -> str:
-    """As the paper prints it: 0.01 -> ``1e-2``, 0.0025 -> ``2.5e-3``."""
-    mantissa, exponent = f"{lr:e}".split("e")
-    return f"{float(mantissa):g}e{int(exponent)}"
-
-
-def _best_key(detector: str, gamma: str) -> str:
-    return f"{detector} {'base' if float(gamma) == 0 else 'focal'}"
-
-
-def _best_base(key: str) -> str:
-    return f"{key.rpartition(' ')[0]} base"
-
-
-def _records(name: str) -> list[dict[str, str]]:
+def records(name: str) -> list[dict[str, str]]:
+    """Rows of a published table, as printed."""
     return [
         {str(key): str(value) for key, value in row.items()}
         for row in published_table(name).to_dict("records")

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from fl3d.data.classes import CARS
 from fl3d.data.kitti import Frame
 from fl3d.data.labels import Labels
 from fl3d.geometry.boxes import CORNER_SIGNS, Array, corners_velo
-from fl3d.reports.figures.style import BLUE, PURPLE, STYLE, save
+from fl3d.reports.figures.style import BLUE, PURPLE, Drawing, canvas, save, styled
 
 FOOTPRINT = (0, 1, 5, 2, 0)  # corners around the bottom face
 EDGES = tuple(
@@ -64,15 +63,9 @@ def boxes_of_models(
         endings: of the files.
     """
     n = len(next(iter(models.values())))
-    with plt.rc_context(STYLE):
-        figure, grid = plt.subplots(
-            2 * len(models),
-            n,
-            figsize=(max(4.0, 2.4 * n), 2.9 * max(1.4 if n == 1 else 1.0, len(models))),
-            squeeze=False,
-            layout="constrained",
-            height_ratios=[0.75, 2.1] * len(models),
-        )
+    with styled():
+        size = (max(4.0, 2.4 * n), 2.9 * max(1.4 if n == 1 else 1.0, len(models)))
+        figure, grid = canvas(2 * len(models), n, size, [0.75, 2.1] * len(models))
         for k, (name, scenes) in enumerate(models.items()):
             for column, scene in enumerate(scenes):
                 _on_picture(grid[2 * k, column], scene)
@@ -175,8 +168,9 @@ def birds_eye(
         path: without ending.
         classes: that are drawn.
     """
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(5, 4.6))
+    with styled():
+        figure = Drawing(figsize=(5, 4.6))
+        axes = figure.subplots()
         from_above(axes, frame, detections, beyond, classes)
         boxes = frame.calibration.boxes_to_velo(detections.boxes_cam)
         scores = detections.scores if detections.scores is not None else np.zeros(0)

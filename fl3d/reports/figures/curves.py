@@ -6,13 +6,12 @@ A panel a group, a curve a level.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from fl3d.reports.figures.style import BLUE, ORANGE, draw_by_level, panels, shades, write_data
+from fl3d.reports.figures.style import BLUE, ORANGE, Drawn, draw_by_level, panels, shades
 from fl3d.reports.levels import Levels, ap_columns
 
 MARKS = {"easy": ("^", ":"), "moderate": ("o", "-"), "hard": ("v", "--")}
@@ -22,8 +21,8 @@ BAND = 0.08  # strength of a band over seeds: above seven that overlap, all line
 
 
 def ap_over_steps(
-    scores: pd.DataFrame, last: pd.DataFrame, best: pd.DataFrame, levels: Levels, path: Path
-) -> list[Path]:
+    scores: pd.DataFrame, last: pd.DataFrame, best: pd.DataFrame, levels: Levels
+) -> Drawn:
     """3D AP moderate of every checkpoint; last and best marked, the step at which the last stage begins dotted.
 
     Curves and marks of a level are means over its own seeds; a band reaches from its lowest to its highest seed.
@@ -33,7 +32,6 @@ def ap_over_steps(
         last: the last checkpoint of each trial.
         best: likewise.
         levels: of the sweep.
-        path: without ending.
     """
     data = scores[["trial", "group", "level", "seed", "step", METRIC]].reset_index(drop=True)
     places = list(zip(data["trial"], data["step"], strict=True))
@@ -62,19 +60,16 @@ def ap_over_steps(
         axes.set_xlabel("training step")
         axes.set_ylabel("3D AP moderate (%)")
 
-    written = write_data(data.drop(columns="trial"), path)
-    return [written, *panels(sorted(data["group"].unique()), path, panel, 5)]
+    shown = data.drop(columns="trial")
+    return Drawn(panels(sorted(data["group"].unique()), panel, 5), shown)
 
 
-def ap_over_level(
-    last: pd.DataFrame, levels: Levels, path: Path, gains: pd.DataFrame | None = None
-) -> list[Path]:
+def ap_over_level(last: pd.DataFrame, levels: Levels, gains: pd.DataFrame | None = None) -> Drawn:
     """APs of the last models against the level (evenly spaced); thin lines: the baseline.
 
     Args:
         last: the last checkpoint of each trial; seeds are averaged.
         levels: of the sweep.
-        path: without ending.
         gains: see ``analysis.gains.gains``; with it, 3D moderate has its 95 % intervals as bars, and APs are of the
             seeds that these are of.
     """
@@ -113,7 +108,7 @@ def ap_over_level(
         axes.set_xlabel(levels.head)
         axes.set_ylabel("AP of the last model (%)")
 
-    return [write_data(data, path), *panels(sorted(data["group"].unique()), path, panel, 3, 3.2)]
+    return Drawn(panels(sorted(data["group"].unique()), panel, 3, 3.2), data)
 
 
 def _keep_in_sight(axes: Axes, aps: np.ndarray) -> None:
@@ -146,13 +141,12 @@ def _with_intervals(means: pd.DataFrame, gains: pd.DataFrame) -> pd.DataFrame:
     return data
 
 
-def ap_over_cut(rescored: pd.DataFrame, levels: Levels, path: Path) -> list[Path]:
+def ap_over_cut(rescored: pd.DataFrame, levels: Levels) -> Drawn:
     """3D AP moderate of the last models against the score below which detections are dropped.
 
     Args:
         rescored: a row a trial and cut: ``group``, ``level``, ``score_threshold``, ``ap_3d/moderate``.
         levels: of the sweep.
-        path: without ending.
     """
     data = rescored.assign(cut=rescored["score_threshold"].astype(float))
     data = data.groupby(["group", "level", "cut"])[METRIC].mean().reset_index()
@@ -162,18 +156,17 @@ def ap_over_cut(rescored: pd.DataFrame, levels: Levels, path: Path) -> list[Path
         axes.set_xlabel("score cut")
         axes.set_ylabel("3D AP moderate (%)")
 
-    return [write_data(data, path), *panels(sorted(data["group"].unique()), path, panel, 4)]
+    return Drawn(panels(sorted(data["group"].unique()), panel, 4), data)
 
 
 def precision_recall(
-    curves: pd.DataFrame, levels: Levels, path: Path, groups: Sequence[str] | None = None
-) -> list[Path]:
+    curves: pd.DataFrame, levels: Levels, groups: Sequence[str] | None = None
+) -> Drawn:
     """Precision against recall, a panel a group.
 
     Args:
         curves: ``group``, ``level``, ``recall`` and ``precision``; seeds averaged.
         levels: of the sweep.
-        path: without ending.
         groups: in the order of their panels; None: sorted.
     """
 
@@ -182,16 +175,15 @@ def precision_recall(
         axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02))
 
     names = sorted(curves["group"].unique()) if groups is None else groups
-    return [write_data(curves, path), *panels(names, path, panel, 4)]
+    return Drawn(panels(names, panel, 4), curves)
 
 
-def best_of_k_figure(data: pd.DataFrame, levels: Levels, path: Path) -> list[Path]:
+def best_of_k_figure(data: pd.DataFrame, levels: Levels) -> Drawn:
     """Mean 3D AP moderate of the best of k checkpoints of a trial's whole curve: what looking k times is worth.
 
     Args:
         data: see ``analysis.split_halves.best_of_k_checkpoints``.
         levels: of the sweep.
-        path: without ending.
     """
 
     def panel(axes: Axes, group: str) -> None:
@@ -199,4 +191,4 @@ def best_of_k_figure(data: pd.DataFrame, levels: Levels, path: Path) -> list[Pat
         axes.set_xlabel("checkpoints looked at, k")
         axes.set_ylabel("best 3D AP moderate, mean (%)")
 
-    return [write_data(data, path), *panels(sorted(data["group"].unique()), path, panel, 4)]
+    return Drawn(panels(sorted(data["group"].unique()), panel, 4), data)

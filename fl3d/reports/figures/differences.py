@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -19,11 +18,12 @@ from fl3d.reports.figures.style import (
     COLUMN,
     ORANGE,
     PURPLE,
-    STYLE,
+    Drawn,
+    canvas,
     panels,
     save,
     shades,
-    write_data,
+    styled,
 )
 
 SPREAD = 0.3  # of the marks of one bin, as a share of the room between bins
@@ -63,7 +63,7 @@ def draw_found_by_part(data: pd.DataFrame, names: Sequence[str], path: Path) -> 
         axes.grid(axis="y", color="0.92", lw=0.6)
         axes.set_axisbelow(True)
 
-    return [write_data(data, path), *panels(list(dict.fromkeys(data["by"])), path, panel, 4, 2.5)]
+    return Drawn(panels(list(dict.fromkeys(data["by"])), panel, 4, 2.5), data).write(path)
 
 
 @dataclass(frozen=True)
@@ -107,15 +107,9 @@ def frames_from_above(
     width = 2 * COLUMN
     side, behind, ahead = _extent([one for _, row in frames for one in row])
     tall = width / len(frames) * (ahead - behind) / (2 * side) * 0.95
-    with plt.rc_context(STYLE):
-        figure, grid = plt.subplots(
-            len(heights),
-            len(frames),
-            figsize=(width, tall * sum(heights) + 0.7),
-            height_ratios=heights,
-            squeeze=False,
-            layout="constrained",
-        )
+    with styled():
+        size = (width, tall * sum(heights) + 0.7)
+        figure, grid = canvas(len(heights), len(frames), size, heights)
         for column, (title, row) in enumerate(frames):
             grid[0, column].set_title(title, fontsize=7)
             for number, (name, one) in enumerate(zip(names, row, strict=True)):

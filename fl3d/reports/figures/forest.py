@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Hashable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
 from fl3d.evaluation.verdicts import Verdict
-from fl3d.reports.figures.style import panels, write_data
+from fl3d.reports.figures.style import Drawn, panels
 from fl3d.reports.levels import Levels
 from fl3d.reports.verdicts import gain_text
 
@@ -32,19 +31,21 @@ LABEL_LETTERS = 40  # of what stands below a panel, where names take a third of 
 HALO = withStroke(linewidth=1.5, foreground="white")  # around numbers that lie on the line at 0
 
 
-def forest(verdicts: pd.DataFrame, levels: Levels, margin: float, path: Path) -> list[Path]:
+def forest(verdicts: pd.DataFrame, levels: Levels, margin: float) -> Drawn | None:
     """Gains of the last models over the baseline, a panel a group, a row a level.
 
     Args:
         verdicts: see ``analysis.verdicts.verdicts``.
         levels: of the sweep.
         margin: of the verdicts, AP; shown as a band.
-        path: without ending.
+
+    Returns:
+        None where no level is held against the baseline.
     """
     data = verdicts[verdicts["verdict"] != Verdict.BASELINE]
     groups = sorted(data["group"].unique())
     if not groups:
-        return []
+        return None
     metric = str(data["metric"].iloc[0])
     reach = 1.08 * max(margin, data[["gain_low", "gain_high"]].abs().to_numpy().max())
     tallest = max(int((data["group"] == group).sum()) for group in groups)
@@ -68,7 +69,7 @@ def forest(verdicts: pd.DataFrame, levels: Levels, margin: float, path: Path) ->
 
     row = max(ROW, LINE * (1 + max(name.count("\n") + 1 for name in names.values())))
     height = 1.0 + LINE * label.count("\n") + row * tallest
-    return [write_data(verdicts, path), *panels(groups, path, panel, 5, height)]
+    return Drawn(panels(groups, panel, 5, height), verdicts)
 
 
 def _wrapped(text: str, letters: int) -> str:

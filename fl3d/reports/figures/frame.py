@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from fl3d.data.kitti import Frame
 from fl3d.geometry.boxes import Array, corners_velo
 from fl3d.reports.figures.boxes import EDGES, FOOTPRINT, NEAR
-from fl3d.reports.figures.style import BLUE, ORANGE, PURPLE, STYLE, save
+from fl3d.reports.figures.style import BLUE, ORANGE, PURPLE, canvas, styled
 
 MOST_POINTS = 30_000  # drawn from above; more look the same
 LEAST_SIDE, MOST_SIDE = 20.0, 120.0  # metres shown on either side of the sensor
@@ -25,8 +23,7 @@ def draw_frame(
     image: NDArray[np.uint8] | None,
     wanted: NDArray[np.bool_],
     title: str,
-    path: Path,
-) -> list[Path]:
+) -> Figure:
     """The picture with boxes and points on it; below, the whole cloud from above.
 
     Args:
@@ -35,12 +32,10 @@ def draw_frame(
         image: (H, W, 3), or None.
         wanted: (L,) which labels are targets.
         title: above it.
-        path: without ending.
     """
-    with plt.rc_context(STYLE):
-        figure, (top, bottom) = plt.subplots(
-            2, 1, figsize=(7, 8.2), layout="constrained", height_ratios=[1, 2.2]
-        )
+    with styled():
+        figure, grid = canvas(2, 1, (7, 8.2), [1, 2.2])
+        top, bottom = grid[:, 0]
         real = frame.labels.select(frame.labels.types != "DontCare")
         whole = (real.boxes_cam[:, 3:6] > 0).all(axis=1)
         boxes = frame.calibration.boxes_to_velo(real.boxes_cam[whole])
@@ -51,7 +46,7 @@ def draw_frame(
         _picture(top, frame, cloud_velo, image, boxes, colors)
         _above(bottom, cloud_velo, boxes, [str(name) for name in real.types[whole]], colors)
         figure.suptitle(title, fontsize=8)
-        return save(figure, path, (".png",))
+    return figure
 
 
 def _picture(

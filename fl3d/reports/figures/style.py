@@ -1,21 +1,24 @@
-"""How all figures look: legible in one column of a page, and in grey; fonts embedded; no dates in the files."""
+"""How all figures look: legible in one column of a page, and in grey; fonts embedded; no dates in the files.
+
+Nothing here uses pyplot, whose state is the caller's: importing fl3d leaves a notebook's backend and styles alone.
+"""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from numpy.typing import NDArray
 
 from fl3d.core.files import write_atomically, write_text
 from fl3d.reports.levels import Levels
@@ -39,7 +42,64 @@ METADATA = {
 }
 COLUMN = 3.5  # inches: one column of a two-column page
 LEGEND_LETTERS = 17  # of a legend's 7 point font on an inch, measured on its widest labels
+SHOWN_DPI = 100  # in a notebook
 LEGEND_HANDLE = 6  # letters that a legend's line and the gap behind it take
+
+
+class Drawing(Figure):
+    """A figure that a notebook shows where it is a cell's value, whatever backend is chosen."""
+
+    def _repr_png_(self) -> bytes:
+        content = io.BytesIO()
+        with styled():
+            self.savefig(content, format="png", dpi=SHOWN_DPI)
+        return content.getvalue()
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure, and the data that it shows.
+
+    Args:
+        figure: in fl3d's style.
+        data: a row a mark, or a point of a curve.
+    """
+
+    figure: Figure
+    data: pd.DataFrame
+
+    def write(self, path: Path) -> list[Path]:
+        """Write both; every file written.
+
+        Args:
+            path: without ending.
+        """
+        return [write_data(self.data, path), *save(self.figure, path)]
+
+
+def settings() -> dict[str, str]:
+    """How matplotlib is set up, by the user too, as text."""
+    return {str(key): repr(value) for key, value in matplotlib.rcParams.items()}
+
+
+def styled() -> AbstractContextManager[None]:
+    """Within it, everything is drawn and written in fl3d's style."""
+    return matplotlib.rc_context(STYLE)
+
+
+def canvas(
+    rows: int, columns: int, size: tuple[float, float], height_ratios: Sequence[float] | None = None
+) -> tuple[Figure, NDArray[Any]]:
+    """A figure and its axes (rows, columns), to be drawn on while ``styled``.
+
+    Args:
+        rows: of axes.
+        columns: likewise.
+        size: width and height in inches.
+        height_ratios: of the rows; None: all alike.
+    """
+    figure = Drawing(figsize=size, layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, height_ratios=height_ratios)
 
 
 def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")) -> list[Path]:
@@ -51,11 +111,11 @@ def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")
         target = beside(path, ending)
 
         def draw(temporary: Path, kind: str = ending[1:], values: dict[str, None] = values) -> None:
-            figure.savefig(temporary, format=kind, metadata=values, dpi=200)
+            with styled():  # fonts are embedded as the style says
+                figure.savefig(temporary, format=kind, metadata=values, dpi=200)
 
         write_atomically(target, draw)
         written.append(target)
-    plt.close(figure)
     return written
 
 
@@ -80,7 +140,7 @@ def write_data(frame: pd.DataFrame, path: Path) -> Path:
 
 def shades(levels: Sequence[str]) -> list[tuple[str, tuple[Any, str]]]:
     """A colour and a marker for each level: dark to light, so that they differ in grey too."""
-    colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, len(levels)))
+    colors = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(levels)))
     looks = [(color, MARKERS[number % len(MARKERS)]) for number, color in enumerate(colors)]
     return list(zip(levels, looks, strict=True))
 
@@ -105,18 +165,14 @@ def _columns_that_fit(labels: Sequence[str], width: float) -> int:
 
 def panels(
     names: Sequence[str],
-    path: Path,
     panel: Callable[[Axes, str], None],
     legend_columns: int,
     height: float = 2.9,
-) -> list[Path]:
+) -> Figure:
     """Panels in rows of two, as wide as a page's two columns, with one legend below."""
     n_rows, n_columns = -(-len(names) // 2), min(2, len(names))
-    with plt.rc_context(STYLE):
-        size = (COLUMN * n_columns, height * n_rows)
-        figure, grid = plt.subplots(
-            n_rows, n_columns, figsize=size, squeeze=False, layout="constrained"
-        )
+    with styled():
+        figure, grid = canvas(n_rows, n_columns, (COLUMN * n_columns, height * n_rows))
         for spare in grid.flat[len(names) :]:
             spare.set_axis_off()
         for axes, name in zip(grid.flat, names, strict=False):
@@ -131,4 +187,5 @@ def panels(
             columns = min(legend_columns, _columns_that_fit(labels, COLUMN * n_columns))
             look: Any = {"fontsize": 7, "frameon": False, "loc": "outside lower center"}
             figure.legend(list(shown.values()), labels, ncols=columns, **look)
-        return save(figure, path)
+    _take_dollars_as_dollars(figure)
+    return figure

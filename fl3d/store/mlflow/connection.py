@@ -25,6 +25,7 @@ from mlflow import MlflowClient
 from mlflow.exceptions import MlflowException
 
 from fl3d.core.errors import StoreDown, StoreError
+from fl3d.core.extras import install
 from fl3d.store.mlflow.condition import damage, shown
 
 PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
@@ -52,7 +53,7 @@ def check_driver(uri: str) -> None:
         StoreError: saying how it is.
     """
     if uri.startswith("postgresql") and importlib.util.find_spec("psycopg2") is None:
-        raise StoreError(f"{shown(uri)}: needs PostgreSQL's driver: pip install 'fl3d[postgres]'")
+        raise StoreError(f"{shown(uri)}: needs PostgreSQL's driver: {install('postgres')}")
 
 
 def file_url(root: Path) -> str:

@@ -39,7 +39,7 @@ def browse(root: Path, uri: str | None, port: int | None) -> None:
         return
     if not store.exists:
         raise StoreError(
-            f"{root}: there is no store yet; run a sweep first, such as: make sweep-gamma"
+            f"{root}: there is no store yet; run a sweep first, such as: python -m fl3d -m +sweep=gamma"
         )
     with free_port() if port is None else take_port(port) as listening:
         own = int(listening.getsockname()[1])

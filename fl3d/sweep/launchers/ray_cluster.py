@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fl3d.core.errors import ConfigError
+from fl3d.core.extras import install
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
 from fl3d.training.stage import run_stage
 
@@ -63,7 +64,7 @@ class RayLauncher(Launcher):
         try:
             import ray
         except ImportError:
-            raise ConfigError("hydra/launcher=ray needs Ray: pip install 'fl3d[ray]'") from None
+            raise ConfigError(f"hydra/launcher=ray needs Ray: {install('ray')}") from None
         self._ray, self._address, self._owns = ray, address, False
         self._cpus, self._gpus, self._asked = cpus, gpus, slots
         self.slots = slots or 1

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from fl3d.core.errors import ConfigError
+from fl3d.core.extras import install
 from fl3d.core.files import write_text
 from fl3d.runs.layout import RunFolder
 from fl3d.sweep.launchers.base import Job, JobState, Launcher, LauncherBusy
@@ -208,7 +209,5 @@ def _submitit() -> Any:
     try:
         import submitit
     except ImportError:
-        raise ConfigError(
-            "hydra/launcher=slurm needs submitit: pip install 'fl3d[slurm]'"
-        ) from None
+        raise ConfigError(f"hydra/launcher=slurm needs submitit: {install('slurm')}") from None
     return submitit

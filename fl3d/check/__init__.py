@@ -1,3 +1,0 @@
-"""A KITTI-format folder looked through before anything is trained: what is there, what counts, what is odd."""
-
-VERSION = 2  # raised when what is found, or how it is said, changes: stored checks are made again
