@@ -85,8 +85,11 @@ def picture(image: bytes, caption: str) -> str:
     size = (
         f"width='{pixels.width}' height='{pixels.height}'"  # the page stands still while it loads
     )
-    shown = f"<img alt='{text}' {size} decoding='async' src='data:image/webp;base64,{data}'>"
-    return f"<figure><div class='scroll'>{shown}</div><figcaption>{text}</figcaption></figure>"
+    return (
+        f"<figure><div class='scroll'><img alt='{text}' {size} decoding='async' "
+        f"src='data:image/webp;base64,{data}'></div>"
+        f"<figcaption>{text}</figcaption></figure>"
+    )
 
 
 def _small(pixels: Image.Image) -> bytes:

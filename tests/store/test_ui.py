@@ -12,9 +12,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import uvicorn
 
 from fl3d.core.errors import ConfigError, StoreError
+from fl3d.core.interrupts import Interrupted
 from fl3d.store.base import Scored
+from fl3d.store.mlflow.server import Server
 from fl3d.store.mlflow.tracking import MlflowStore
 from fl3d.store.mlflow.ui import HOST, NEXT_PORTS, PORT, browse, free_port, take_port
 
@@ -57,6 +60,41 @@ def test_without_a_store_nothing_is_made(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="there is no store yet"):
         browse(tmp_path / "runs", None, None)
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_server_and_is_no_error_of_an_answer(number: signal.Signals) -> None:
+    """An exception would be taken for one, and the server would go on."""
+    before = signal.signal(number, signal.SIG_DFL)  # this test may be run under nohup
+    server = Server(uvicorn.Config("none"))
+    try:
+        with pytest.raises(Interrupted) as caught:
+            _hear_twice(server, number)
+        assert caught.value.number == number
+        assert signal.getsignal(number) is signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
+
+
+def _hear_twice(server: Server, number: signal.Signals) -> None:
+    with server.capture_signals():
+        assert not server.should_exit
+        signal.raise_signal(number)
+        assert server.should_exit
+        assert not server.force_exit
+        signal.raise_signal(number)
+        assert server.force_exit
+
+
+def test_under_nohup_it_goes_on() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    server = Server(uvicorn.Config("none"))
+    try:
+        with server.capture_signals():
+            signal.raise_signal(signal.SIGHUP)
+        assert not server.should_exit
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def processes_of(session: int) -> set[int]:
@@ -129,7 +167,7 @@ def test_it_is_one_process_and_whatever_ends_it_leaves_none_behind(tmp_path: Pat
                 with urllib.request.urlopen(asked, timeout=60) as answer:
                     assert b"named" in answer.read()
                 assert processes_of(process.pid) == {process.pid}
-                process.send_signal(number)
+                process.send_signal(number)  # the answer above may not have ended yet
                 said, _ = process.communicate(timeout=PATIENCE_SECONDS)
                 assert process.returncode == (-9 if number == signal.SIGKILL else 128 + number)
                 assert "Traceback" not in said

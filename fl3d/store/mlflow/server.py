@@ -9,13 +9,17 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import signal
 import socket
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import uvicorn  # before MLflow's server, which guards itself where it finds this loaded
+
+from fl3d.core.interrupts import HEARD, Interrupted
 
 GRACE_SECONDS = 5  # for answers that are under way, when the server ends
 
@@ -35,15 +39,40 @@ def serve(uri: str, artifacts: Path, listening: socket.socket) -> None:
     config = uvicorn.Config(
         app, lifespan="off", log_level=logging.WARNING, timeout_graceful_shutdown=GRACE_SECONDS
     )
-    _Server(config).run(sockets=[listening])
+    Server(config).run(sockets=[listening])
 
 
-class _Server(uvicorn.Server):
-    """A server that leaves signals to the command that it runs in."""
+class Server(uvicorn.Server):
+    """A server that ends as the command does that it runs in: by Ctrl-C, SIGTERM and SIGHUP alike, unless ignored.
+
+    While it runs, a signal must not raise: uvicorn would take that for an error of the answer that it is at, and go on.
+    """
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        yield
+        """Listen to signals while the server runs.
+
+        Raises:
+            Interrupted: one was heard; afterwards, when all connections are closed.
+        """
+        heard: list[int] = []
+
+        def hear(number: int, frame: FrameType | None) -> None:
+            heard.append(number)
+            self.force_exit = self.should_exit  # the second time nothing is waited for
+            self.should_exit = True
+
+        before = {number: signal.getsignal(number) for number in HEARD}
+        taken = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
+        for number in taken:
+            signal.signal(number, hear)
+        try:
+            yield
+        finally:
+            for number in taken:
+                signal.signal(number, before[number])
+        if heard:
+            raise Interrupted(heard[0])
 
 
 def _application(uri: str, artifacts: Path) -> Any:
