@@ -126,8 +126,11 @@ def _rows(sweep: FinishedSweep, chosen: pd.DataFrame, row: dict[str, str]) -> pd
         chosen = chosen[texts.map(lambda several, value=value: value in several)]
     cells = chosen.drop_duplicates(["group", "level"])
     if len(cells) > 1:
-        rows = "; ".join(
-            f"{r.group}, {level_text(sweep.factor, str(r.level))}" for r in cells.itertuples()
+        own = set(cells["trial"])
+        rows = "; ".join(  # in the sweep's order
+            f"{trial.group}, {level_text(sweep.factor, trial.level)}"
+            for trial in sweep.trials
+            if trial.key in own
         )
         raise ConfigError(f"several rows fit; name one: {rows}")
     return chosen

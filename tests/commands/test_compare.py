@@ -87,7 +87,7 @@ def test_the_folder_holds_tables_of_three_kinds_and_a_page(
     assert "src='http" not in page
     for title in ("Verdict", "AP", "Precision and recall", "Where they differ", "Frames"):
         assert f"<h2>{title}</h2>" in page
-    assert page.count("data:image/png;base64,") == 4  # forest, curves, parts, frames gained
+    assert page.count("data:image/webp;base64,") == 4  # forest, curves, parts, frames gained
     figures = {path.stem for path in (out / "figures").iterdir()}
     assert figures == {"forest", "precision_recall", "found_car", "frames_car_1_more"}
 
