@@ -68,9 +68,14 @@ publish: .venv/installed  ## make results/DATA-PROFILE anew, which the project c
 ui: .venv/installed  ## browse every checkpoint in MLflow, on this machine alone
 	$(BIN)/python -m fl3d ui
 
-docs: .venv/installed  ## build the site, which needs no network: site/index.html
+docs: .venv/docs  ## build the site, which needs no network: site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "Written to site/index.html; with its search: python3 -m http.server --directory site"
+
+# What builds the site is installed when it is asked for, so that nothing else waits for it.
+.venv/docs: .venv/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(PIP_ARGS) --editable '.[docs]'
+	touch $@
 
 check: .venv/installed  ## lint, types, and that imports only go down
 	$(BIN)/ruff check .

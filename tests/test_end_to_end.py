@@ -1,8 +1,9 @@
 """One tiny sweep from scratch to its tables, as a user runs it: interrupted, resumed, run again.
 
-The golden tables are of one machine's arithmetic; other processors round otherwise, so cells are
-compared within TOLERANCE of one set of them, whole. When a change moves them, write here what and
-why, and regenerate with `python tests/test_end_to_end.py`.
+The golden tables are of the arithmetic of some kinds of processor; others round otherwise, which moves
+cells by as much as a seed does. Cells are compared within TOLERANCE of one set of them, whole, and a
+processor whose arithmetic is of none of them has nothing to compare with. When a change moves them,
+write here what and why, and regenerate with `python tests/test_end_to_end.py`.
 
 History of the golden tables:
   1. first version.
@@ -13,6 +14,10 @@ History of the golden tables:
      44.8 (gamma = 0) on the first machine and 31.6 on this one. 3D-FCN's are the same digits on both.
   5. Table IV looks at all weights; what it was, the best of the last stage alone, is a table of its own.
      No number moved.
+  6. VoxelNet 3 and 3D-FCN 2 normalise and convolve with other rounding, and 3D-FCN's batches have other
+     layouts. The second set is made anew. The processor of the first was not at hand; in its place is a
+     set of the second processor held to AVX2 (ATEN_CPU_CAPABILITY=avx2 ONEDNN_MAX_CPU_ISA=AVX2
+     MKL_ENABLE_INSTRUCTIONS=AVX2).
 """
 
 import os
@@ -31,7 +36,19 @@ from fl3d.reports.table import AP_COLUMNS
 
 ROOT = Path(__file__).resolve().parent.parent
 GOLDEN = ROOT / "tests" / "golden"
-KINDS = (GOLDEN, GOLDEN / "avx512_amx")  # of processors that the tables were made on
+KINDS = {  # where the tables of a kind of processor lie, by its arithmetic
+    "28e1953a095a": GOLDEN / "avx512_amx",
+    "ba167c4b9d6a": GOLDEN / "avx2",
+}
+ARITHMETIC = """
+import hashlib, torch
+torch.manual_seed(0)
+x = torch.randn(2, 16, 6, 20, 20)
+parts = [torch.nn.Conv3d(16, 16, 3)(x), torch.nn.Conv2d(16, 32, 3)(x[:, :, 0])]
+parts.append(torch.randn(300, 77) @ torch.randn(77, 50))
+whole = b"".join(one.detach().numpy().tobytes() for one in parts)
+print(hashlib.sha256(whole).hexdigest()[:12])
+"""
 GOLDEN_TABLES = ("II", "III", "IV_last_stage")
 TOLERANCE = 3.0  # AP; a single R11 step is 9
 GAMMAS = "loss.gamma=0,2"
@@ -58,6 +75,18 @@ def run(arguments: list[str]) -> str:
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def arithmetic() -> str:
+    """Of torch on this processor, on one thread as stages have it: a digest of some products."""
+    done = subprocess.run(
+        [sys.executable, "-c", ARITHMETIC],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    return done.stdout.strip()
 
 
 def members(group: int) -> list[str]:
@@ -90,17 +119,20 @@ def test_it_says_what_it_does_and_prints_the_tables(finished: tuple[Path, str]) 
 
 def test_the_tables_are_the_golden_ones(finished: tuple[Path, str]) -> None:
     """All of them those of one kind of processor: 3D-FCN's of one and VoxelNet's of another will not do."""
+    kinds = list(KINDS.values())
     folder = finished[0] / "results" / "simulated-tiny" / "tables"
     aps = list(AP_COLUMNS)
-    largest = dict.fromkeys(KINDS, 0.0)
+    largest = dict.fromkeys(kinds, 0.0)
     for name in GOLDEN_TABLES:
         found = pd.read_csv(folder / f"table_{name}.csv")
-        for kind in KINDS:
+        for kind in kinds:
             golden = pd.read_csv(kind / f"table_{name}.csv")
             front = [column for column in golden if column not in AP_COLUMNS]
             pd.testing.assert_frame_equal(found[front], golden[front])
             largest[kind] = max(largest[kind], (found[aps] - golden[aps]).abs().to_numpy().max())
             assert golden[aps].to_numpy().max() > 1  # a table of zeros would prove nothing
+    if min(largest.values()) >= TOLERANCE and arithmetic() not in KINDS:
+        pytest.skip(f"no tables of this processor's arithmetic; from those of others {largest}")
     assert min(largest.values()) < TOLERANCE, largest
 
 
@@ -178,7 +210,9 @@ def test_a_report_has_everything_on_one_page_and_in_mlflow(
     folder = tmp_path / "simulated-tiny"
     assert str(folder / "report_gamma.html") in said
     page = (folder / "report_gamma.html").read_text()
-    assert page.count("<img alt='Figure ") == 4  # 1 of each detector, 4 and 5
+    assert (
+        page.count("<img alt='Figure ") == 5
+    )  # 1 of each detector and of the arXiv version, 4 and 5
     for word in ("Table II.", "Table VII.", "optimism", "largest gain of 3D-FCN", "commit "):
         assert word in page
     assert len(list((work / "runs" / "artifacts").rglob("results/report_gamma.html"))) == 4
@@ -329,8 +363,11 @@ if __name__ == "__main__":
 
     with tempfile.TemporaryDirectory() as folder:
         run(command(Path(folder)))
-        GOLDEN.mkdir(exist_ok=True)
+        kind = KINDS.get(
+            arithmetic(), GOLDEN / arithmetic()
+        )  # a new one: name it, and put it into KINDS
+        kind.mkdir(exist_ok=True)
         for name in GOLDEN_TABLES:
             shutil.copy(
-                Path(folder) / "results" / "simulated-tiny" / "tables" / f"table_{name}.csv", GOLDEN
+                Path(folder) / "results" / "simulated-tiny" / "tables" / f"table_{name}.csv", kind
             )
