@@ -119,6 +119,12 @@ def test_what_evaluate_finds_is_a_table_and_nothing_to_count_is_an_error(tmp_pat
         fl3d.evaluate(none, results)
 
 
+@pytest.mark.parametrize("change", ["ignore_beyond=[0,-20,40,20]", "score_threshold=0.5"])
+def test_a_change_that_would_do_nothing_is_refused(change: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="results are taken as they are"):
+        fl3d.evaluate(tmp_path, tmp_path, changes=[change])
+
+
 def test_compare_loads_nothing_of_the_extras() -> None:
     assert not loaded_by("import fl3d\nfl3d.compare") & set(OF_TRAIN)
 

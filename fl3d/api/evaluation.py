@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fl3d.config.protocols import read_protocol
-from fl3d.core.errors import Fl3dError
+from fl3d.core.errors import ConfigError, Fl3dError
 from fl3d.evaluation import MISSING
 from fl3d.evaluation.folders import Evaluated, evaluate_folder
 from fl3d.evaluation.protocol import Protocol
 from fl3d.reports.uncounted import why_nothing
+
+# What a protocol does to a detector's boxes and to objects beyond its range: results are taken as they are.
+UNUSED = ("ignore_beyond", "image_box", "max_detections", "nms_iou", "nms_kind", "score_threshold")
 
 
 class NothingToCount(Fl3dError):
@@ -51,10 +54,11 @@ def evaluate(
         APs by class, metric and difficulty, see ``Evaluated.table``; what counts, and why the rest does not.
 
     Raises:
-        ConfigError: there is no such protocol, or a change does not fit it.
+        ConfigError: there is no such protocol, or a change does not fit it or would do nothing here.
         DataError: frames cannot be chosen, or a line is malformed.
         NothingToCount: no label or no result counts.
     """
+    _refuse_unused(changes)
     chosen = protocol if isinstance(protocol, Protocol) else read_protocol(protocol, changes)
     file = None if split is None else Path(split)
     found = evaluate_folder(Path(labels), Path(results), chosen, file, missing)
@@ -62,3 +66,12 @@ def evaluate(
     if why is not None:
         raise NothingToCount(why, found)
     return found
+
+
+def _refuse_unused(changes: Sequence[str]) -> None:
+    for change in changes:
+        key = change.lstrip("+~").partition("=")[0].removeprefix("protocol.")
+        if key in UNUSED:
+            raise ConfigError(
+                f"{change}: results are taken as they are, so {key} would do nothing here"
+            )
