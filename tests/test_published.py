@@ -2,16 +2,18 @@
 
 import shutil
 import subprocess
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 
 from fl3d.api.words import read_words
-from fl3d.commands.publish import SWEEPS, by_folder, stamped, words_of
+from fl3d.commands.publish import SWEEPS, by_folder, read_sweeps, words_of
 from fl3d.config.compose import CONF
 from fl3d.config.objects import build
 from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import read_settings
+from fl3d.papers.stamp import read_stamp
 from fl3d.runs.plans import read_plan
 from fl3d.simulator import VERSION
 from fl3d.sweep.plan import DataInfo
@@ -29,7 +31,7 @@ def test_something_is_published() -> None:
 @pytest.mark.parametrize("file", FILES, ids=lambda file: f"{file.parts[-3]}-{file.stem}")
 def test_published_trials_are_those_that_the_code_plans_today(file: Path, tmp_path: Path) -> None:
     folder = file.parent.parent
-    stamp = stamped(folder)
+    stamp = read_stamp(folder)
     data, _, profile = folder.name.rpartition("-")
     assert stamp["versions"]["simulator"] == VERSION
     place = [f"data={data}", f"profile={profile}", f"store.root={tmp_path}"]
@@ -50,11 +52,16 @@ def test_published_trials_are_those_that_the_code_plans_today(file: Path, tmp_pa
 def test_a_sweep_is_published_with_those_on_the_same_data() -> None:
     """A folder is emptied before: that of one kind of data must not be taken for another's."""
     names = ["gamma", "gamma_pedestrian", "loss_form"]
-    own, people = by_folder(names, [f"results={PUBLISHED}"]).items()
-    assert own == (PUBLISHED / "simulated-quick", ["gamma", "loss_form"])
-    assert people == (PUBLISHED / "simulated_people-quick", ["gamma_pedestrian"])
-    on_kitti = by_folder(names, [f"results={PUBLISHED}", "data=kitti"])
-    assert on_kitti == {PUBLISHED / "kitti-quick": names}
+    own, people = folders_of(names).items()
+    assert own == ("simulated-quick", ["gamma", "loss_form"])
+    assert people == ("simulated_people-quick", ["gamma_pedestrian"])
+    on_kitti = folders_of(reversed(names), "data=kitti")
+    assert on_kitti == {"kitti-quick": ["gamma", "loss_form", "gamma_pedestrian"]}
+
+
+def folders_of(names: Iterable[str], *words: str) -> dict[str, list[str]]:
+    folders = by_folder(read_sweeps(list(names), words))
+    return {folder.name: list(own) for folder, own in folders.items()}
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")

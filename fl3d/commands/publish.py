@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import judge_sweep
 from fl3d.api.training import train_sweep
-from fl3d.api.words import open_words, read_words
+from fl3d.api.words import Words, open_words, read_words
 from fl3d.commands.parsing import parser
-from fl3d.config.objects import build, locate
+from fl3d.config.objects import build
 from fl3d.config.places import PUBLISHED
 from fl3d.core.errors import ConfigError, StoreError, options
-from fl3d.core.files import write_text
+from fl3d.core.files import swap_folder
+from fl3d.core.leases import leased, living
 from fl3d.core.provenance import provenance
 from fl3d.core.shipped import is_checkout
 from fl3d.papers.index import write_index
@@ -27,14 +26,11 @@ from fl3d.papers.results import (
     write_sweep,
     write_views,
 )
+from fl3d.papers.stamp import write_stamp
 from fl3d.papers.stored import feeding
-from fl3d.runs.checkpoints import read_marker
-from fl3d.runs.finished import FinishedSweep
-from fl3d.runs.spec import read_spec
-from fl3d.simulator import VERSION as SIMULATOR_VERSION
-from fl3d.sweep.plan import KEY_VERSION
-from fl3d.sweep.prepare import prepare_data
-from fl3d.training.trainer import VERSION as TRAINER_VERSION
+from fl3d.runs.finished import FinishedSweep, open_sweep
+from fl3d.runs.layout import StoreFolder
+from fl3d.store.opening import open_store
 
 # Seeds of each sweep, in an order in which each greedy sweep comes after the one whose winner it keeps. Three are the
 # fewest of a verdict; the paper's question has five. The report's tables pick winners and judge nothing: they have one.
@@ -57,11 +53,14 @@ SWEEPS = {
     "frustum_final": 1,
     "frustum_resolutions": 1,
 }
-STAMP = "stamp.json"
+MAKING = ".making"  # beside the published folders: those that are being made
 
 
 def run(arguments: list[str]) -> None:
     """Make results/DATA-PROFILE anew: train or reuse every published sweep, tabulate, draw, and stamp the folder.
+
+    What is published stays as it is until all of the new is there, and where anything fails. The folder holds
+    no other sweeps than those of this call.
 
     A sweep whose file names its data (people's) has its own folder, unless data=... is given for all.
 
@@ -76,10 +75,34 @@ def run(arguments: list[str]) -> None:
         "--only", nargs="+", metavar="SWEEP", help=f"some of: {', '.join(SWEEPS)}"
     )
     given = arguments_of.parse_intermixed_args(arguments)
-    chosen = given.only or list(SWEEPS)
-    for name in chosen:
+    for name in given.only or ():
         if name not in SWEEPS:
             raise ConfigError(f"--only {name}: {options(name, SWEEPS)}")
+    made_by = _clean_commit()
+    making = PUBLISHED / MAKING
+    words = [*given.overrides, f"results={making}"]
+    with leased(making / "publish.lease", wait=False):
+        try:
+            for left in making.glob("*/"):  # by a process that was killed
+                shutil.rmtree(left)
+            asked = read_sweeps(given.only or SWEEPS, words)
+            check_ready(asked, words)
+            folders = by_folder(asked)
+            make(folders, words, made_by)
+            for folder in folders:
+                swap_folder(folder, PUBLISHED / folder.name)
+        finally:
+            shutil.rmtree(making, ignore_errors=True)
+    written = ", ".join(str(PUBLISHED / folder.name) for folder in folders)
+    print(f"Written to {written}; {write_index(PUBLISHED)}.")
+
+
+def _clean_commit() -> dict[str, str]:
+    """Where the results come from: a commit of fl3d's repository.
+
+    Raises:
+        ConfigError: there is none, or it is not what runs.
+    """
     if not is_checkout():
         raise ConfigError(
             "publish: makes results/ of fl3d's repository anew, which is not here; your own tables are made by tables"
@@ -89,25 +112,7 @@ def run(arguments: list[str]) -> None:
         raise ConfigError(
             "publish: there are uncommitted changes; commit them first, for the stamp names the commit"
         )
-    words = [*given.overrides, f"results={PUBLISHED}"]
-    folders = by_folder(chosen, words)
-    for folder, names in folders.items():
-        for part in ("scores", "tables", "figures"):
-            shutil.rmtree(folder / part, ignore_errors=True)
-        sweeps = [publish(name, words) for name in names]
-        for pdf in (folder / "figures").glob("*.pdf"):
-            pdf.unlink()  # drawn again by `fl3d figures`
-        write_text(folder / STAMP, json.dumps(stamp(sweeps, made_by), indent=1) + "\n")
-    print(f"Written to {', '.join(map(str, folders))}; {write_index(PUBLISHED)}.")
-
-
-def by_folder(names: Sequence[str], words: Sequence[str]) -> dict[Path, list[str]]:
-    """Some sweeps by the results folder that each is published in, in their order."""
-    folders: dict[Path, list[str]] = {}
-    for name in names:
-        folder = read_words(words_of(name, words)).settings.results_folder
-        folders.setdefault(folder, []).append(name)
-    return folders
+    return made_by
 
 
 def words_of(name: str, words: Sequence[str]) -> list[str]:
@@ -117,19 +122,91 @@ def words_of(name: str, words: Sequence[str]) -> list[str]:
     return [f"+sweep={name}", *own, *words]
 
 
-def publish(name: str, words: Sequence[str]) -> FinishedSweep:
-    """Train or reuse one sweep, and write its tables and figures.
+def read_sweeps(names: Collection[str], words: Sequence[str]) -> dict[str, Words]:
+    """What the words of some published sweeps mean, by name and in the order of ``SWEEPS``."""
+    return {name: read_words(words_of(name, words)) for name in SWEEPS if name in names}
+
+
+def by_folder(asked: Mapping[str, Words]) -> dict[Path, dict[str, Words]]:
+    """Some sweeps by the results folder that each is published in, in their order."""
+    folders: dict[Path, dict[str, Words]] = {}
+    for name, one in asked.items():
+        folders.setdefault(one.settings.results_folder, {})[name] = one
+    return folders
+
+
+def check_ready(asked: Mapping[str, Words], words: Sequence[str]) -> None:
+    """Find now what would stop the publishing of some sweeps after hours.
+
+    Args:
+        asked: the sweeps by name, in the order in which they are run.
+        words: that say where they lie.
+
+    Raises:
+        StoreError: a sweep is being run, the store cannot be reached, or an earlier sweep whose winner one keeps is
+            neither there nor asked for.
+    """
+    before: set[str] = set()
+    for name, one in asked.items():
+        after = one.settings.sweep.after
+        while after is not None and after not in before:
+            earlier = read_words(words_of(after, words)).settings
+            _check_finished(open_sweep(earlier))
+            after = earlier.sweep.after
+        before.add(name)
+    settings = [one.settings for one in asked.values()]
+    leases = {StoreFolder(one.store.root).lease(one.experiment): one.experiment for one in settings}
+    for lease, holder in living(leases).items():
+        raise StoreError(f"{leases[lease]}: is being run by {holder}; wait for it or end it")
+    for root, uri in {(one.store.root, one.store.uri) for one in settings}:
+        open_store(root, uri).open()
+
+
+def _check_finished(sweep: FinishedSweep) -> None:
+    done, planned = len(sweep.trials), len(sweep.plan.trials)
+    if done < planned:
+        raise StoreError(
+            f"{sweep.name}: {done} of {planned} trials are done; nothing is published before all are"
+        )
+
+
+def make(
+    folders: Mapping[Path, Mapping[str, Words]], words: Sequence[str], made_by: Mapping[str, str]
+) -> None:
+    """Train or reuse the sweeps of some results folders, then fill the folders.
+
+    Args:
+        folders: sweeps by folder and name.
+        words: that say where the sweeps lie.
+        made_by: see ``core.provenance.provenance``.
+
+    Raises:
+        StoreError: a sweep could not be run to its end.
+    """
+    sweeps = {folder: [trained(one) for one in asked.values()] for folder, asked in folders.items()}
+    for folder, own in sweeps.items():
+        shutil.rmtree(folder, ignore_errors=True)  # what each sweep wrote when it ended
+        for sweep in own:
+            write_results(sweep, words)
+        for pdf in (folder / "figures").glob("*.pdf"):
+            pdf.unlink()  # drawn again by `fl3d figures`
+        write_stamp(folder, own, made_by)
+
+
+def trained(asked: Words) -> FinishedSweep:
+    """A sweep, trained or reused.
 
     Raises:
         StoreError: it could not be run to its end.
     """
-    own = words_of(name, words)
-    asked = read_words(own).multirun
-    train_sweep(asked, build(asked.sweeper, "hydra.sweeper"))
-    sweep = open_words(read_words(own))
-    if len(sweep.trials) < len(sweep.plan.trials):
-        done = f"{len(sweep.trials)} of {len(sweep.plan.trials)} trials"
-        raise StoreError(f"{name}: {done} are done; nothing is published before all are")
+    train_sweep(asked.multirun, build(asked.multirun.sweeper, "hydra.sweeper"))
+    sweep = open_words(asked)
+    _check_finished(sweep)
+    return sweep
+
+
+def write_results(sweep: FinishedSweep, words: Sequence[str]) -> None:
+    """Write the tables and figures of a sweep into its results folder."""
     find = feeding(sweep, words, None)
     tables, _ = write_sweep(sweep, find, print)
     made = Contributions(sweep)
@@ -138,46 +215,3 @@ def publish(name: str, words: Sequence[str]) -> FinishedSweep:
     write_still_tables(sweep)
     draw_curves(sweep, made)
     draw_papers(sweep, find)
-    return sweep
-
-
-def stamp(sweeps: Sequence[FinishedSweep], made_by: dict[str, str]) -> dict[str, Any]:
-    """By what, from what and where some results were made."""
-    first = sweeps[0]
-    data = prepare_data(first.settings.data)
-    trained_by: set[str] = set()
-    detectors: dict[str, int] = {}
-    for sweep in sweeps:
-        for trial in sweep.trials:
-            target = read_spec(trial.folder).stage.target
-            detectors[trial.detector] = locate(target, "detector._target_").VERSION
-            trained_by |= {
-                read_marker(folder, folder.steps()[-1]).commit for folder in trial.folders
-            }
-    return {
-        "commit": made_by.get("fl3d.commit", "unknown"),
-        "trained_by": sorted(trained_by),
-        "machine": made_by["fl3d.machine"],
-        "packages": made_by["fl3d.packages"],
-        "data": {
-            "digest": data.digest,
-            "image_digest": data.image_digest,
-            "train_frames": len(data.train_ids),
-        },
-        "versions": {
-            "keys": KEY_VERSION,
-            "simulator": SIMULATOR_VERSION,
-            "trainer": TRAINER_VERSION,
-            "detectors": dict(sorted(detectors.items())),
-        },
-        "sweeps": {
-            sweep.name: {"trials": len(sweep.trials), "protocol": sweep.protocol.id}
-            for sweep in sweeps
-        },
-    }
-
-
-def stamped(folder: Path) -> dict[str, Any]:
-    """The stamp of a results folder."""
-    content: dict[str, Any] = json.loads((folder / STAMP).read_text(encoding="utf-8"))
-    return content

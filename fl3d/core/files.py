@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import shutil
 import time
 import uuid
 from collections.abc import Callable
@@ -73,6 +74,33 @@ def remove_old_temporaries(folder: Path) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write a text file atomically."""
     write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def swap_folder(made: Path, place: Path) -> None:
+    """Put a folder that was made in the place of another, which is removed; beside each other on one disk.
+
+    Args:
+        made: whole; it is moved.
+        place: where it belongs, with what is there now or nothing.
+
+    Raises:
+        Unwritable: it cannot be moved; what was there is there again.
+    """
+    old = place.with_name(f".old-{place.name}")
+    try:
+        if (
+            not place.exists() and old.exists()
+        ):  # of a process that was killed between two renamings
+            old.rename(place)
+        shutil.rmtree(old, ignore_errors=True)
+        if place.exists():
+            place.rename(old)
+        made.rename(place)
+    except OSError as error:
+        if not place.exists() and old.exists():
+            old.rename(place)
+        raise _about(place, error) from error
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def check_writable(folder: Path, room: int = 1) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from fl3d.cli import main
 from fl3d.core.errors import Unwritable
-from fl3d.core.files import check_writable, write_atomically, write_text
+from fl3d.core.files import check_writable, swap_folder, write_atomically, write_text
 
 
 def full(path: Path) -> None:
@@ -108,3 +108,34 @@ def test_a_disk_that_does_not_answer_ends_a_command_with_a_sentence(
     said = capsys.readouterr().err
     assert said.startswith(f"fl3d: /data/plan.json: {os.strerror(number)}; ")
     assert "run the same command again" in said
+
+
+def folder_of(path: Path, text: str) -> Path:
+    path.mkdir()
+    (path / "file").write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_folder_takes_the_place_of_another_or_of_none(there: bool, tmp_path: Path) -> None:
+    place = tmp_path / "place"
+    if there:
+        folder_of(place, "old")
+    swap_folder(folder_of(tmp_path / "made", "new"), place)
+    assert [path.name for path in tmp_path.iterdir()] == ["place"]
+    assert (place / "file").read_text() == "new"
+
+
+def test_a_folder_that_cannot_be_moved_leaves_the_other_where_it_was(tmp_path: Path) -> None:
+    place = folder_of(tmp_path / "place", "old")
+    with pytest.raises(Unwritable, match=rf"^{place}: "):
+        swap_folder(tmp_path / "missing", place)
+    assert [path.name for path in tmp_path.iterdir()] == ["place"]
+    assert (place / "file").read_text() == "old"
+
+
+def test_what_a_kill_between_two_renamings_put_aside_comes_back(tmp_path: Path) -> None:
+    folder_of(tmp_path / ".old-place", "old")
+    with pytest.raises(Unwritable):
+        swap_folder(tmp_path / "missing", tmp_path / "place")
+    assert (tmp_path / "place" / "file").read_text() == "old"
