@@ -98,6 +98,11 @@ def is_interval(line: str) -> bool:
     return override.is_sweep_override() and not override.is_discrete_sweep()
 
 
+def is_range(line: str) -> bool:
+    """Whether an override sweeps a range: a grid takes its values for a choice, and a study for numbers."""
+    return parse(line).is_range_sweep()
+
+
 def values_by_key(arguments: Sequence[str]) -> dict[str, list[Any]]:
     """What overrides say, swept or not, as plain values: ``seed=0,1`` -> ``{"seed": [0, 1]}``.
 

@@ -15,6 +15,9 @@ from fl3d.sweep.identity import result_config
 
 DATA = ("name", "seed", "train_split", "val_split", "train_frames", "val_frames")
 
+# Of a search: where it is kept and how long it goes on. All else in its section tells one study from another.
+GOES_ON = ("n_trials", "storage", "params", "_recursive_")
+
 
 def named(multirun: Multirun) -> Multirun:
     """A sweep with a name made of its words, unless it has one."""
@@ -22,7 +25,9 @@ def named(multirun: Multirun) -> Multirun:
         return multirun
     sweeper = multirun.sweeper
     door = locate(sweeper["_target_"], "hydra.sweeper._target_")
-    name = sweep_name(multirun.arguments, sweeper["params"], getattr(door, "searches", False))
+    settings = {key: value for key, value in sweeper.items() if key not in GOES_ON}
+    search = settings if getattr(door, "searches", False) else None
+    name = sweep_name(multirun.arguments, sweeper["params"], search)
 
     def compose(overrides: Sequence[str]) -> Config:
         return _with_name(multirun.compose(overrides), name)

@@ -258,6 +258,53 @@ def test_what_a_sweeper_trains_is_in_the_name(words: list[str], is_same: bool) -
     assert (name == named(multirun(["loss.gamma=0,1"])).base["sweep"]["name"]) is is_same
 
 
+def name_of(*words: str) -> str:
+    return str(named(multirun(list(words))).base["sweep"]["name"])
+
+
+def test_unnamed_studies_over_one_key_differ_in_name_where_they_ask_otherwise() -> None:
+    """Under one name the second would go on in the study of the first, and take the place of its tables."""
+    study = ("hydra/sweeper=optuna", "loss.gamma=interval(0,5)")
+    grid_of_points = "hydra.sweeper.sampler._target_=optuna.samplers.GridSampler"
+    points = "+hydra.sweeper.sampler.search_space={loss.gamma:[0,%d]}"
+    lines = (
+        study,
+        (*study, grid_of_points, points % 1),
+        (*study, grid_of_points, points % 2),
+        (*study, "hydra.sweeper.rule=best"),
+        (*study, "hydra.sweeper.study_name=other"),
+        (*study, "seed=1"),
+    )
+    assert len({name_of(*line) for line in lines}) == len(lines)
+    assert name_of(*study) == name_of(*study, "hydra.sweeper.n_trials=50", "device=cpu")
+
+
+def test_a_study_is_another_where_optuna_would_refuse_to_go_on() -> None:
+    words = (["a=0,1,2"], ["a=0,2,1"], ["a=range(0,3)"], ["a=0,1,2", "seed=0,1"], ["a=0,1,2,3"])
+    assert len({sweep_name(one, search={"rule": "last"}) for one in words}) == len(words)
+    as_grids = {sweep_name(one) for one in words}
+    assert len(as_grids) == 2  # the same trials but for the last, and seeds are added
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (["+sweep=mine", "a=0,1"], ["+sweep=yours", "a=0,1"]),  # files without a name in them
+        (["a=0,1", "~b"], ["a=0,1"]),
+        (["a=0,1", "b={_target_:mine.Loss}"], ["a=0,1", "b={_target_:yours.Loss}"]),
+    ],
+)
+def test_whatever_is_trained_otherwise_is_in_the_name(one: list[str], other: list[str]) -> None:
+    assert sweep_name(one) != sweep_name(other)
+    assert sweep_name(one) == sweep_name([*one, "seed=0,1"])
+
+
+def test_names_of_grids_are_what_they_were() -> None:
+    """The same line goes on in a store of an earlier version."""
+    assert sweep_name(["loss.gamma=0,1"]) == "trials-gamma-b79119e3"
+    assert sweep_name(["loss.gamma=0,1", "optimizer.lr=1e-3"]) == "trials-gamma-de14ed68"
+
+
 def test_other_params_are_another_sweep() -> None:
     names = {sweep_name([], {"loss.gamma": values}) for values in ("0,1", "0,2")}
     assert len(names) == 2
