@@ -28,9 +28,9 @@ from fl3d.config.settings import Settings, read_settings
 from fl3d.core.nested import leaves
 from fl3d.core.records import Config
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
-from fl3d.papers.results import make_tables
-from fl3d.runs.finished import open_sweep
+from fl3d.papers.tables import make_tables
 from fl3d.runs.layout import StoreFolder
+from fl3d.runs.opening import open_sweep
 from fl3d.runs.plans import FrozenPlan, FrozenTrial, write_plan
 from fl3d.runs.spec import write_done
 from fl3d.store.mlflow.tracking import PROTOCOL_TAG, STORE_TAG, TRIAL_TAG, MlflowStore

@@ -15,8 +15,9 @@ from fl3d.analysis.verify import verify
 from fl3d.config.settings import read_settings
 from fl3d.core.errors import DataError, DataMissing
 from fl3d.papers.results import write_sweep
-from fl3d.runs.finished import FinishedSweep, open_sweep
+from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import StoreFolder
+from fl3d.runs.opening import open_sweep
 from fl3d.runs.spec import read_spec
 from fl3d.store.mlflow.tracking import MlflowStore
 from fl3d.store.opening import open_store

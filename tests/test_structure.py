@@ -69,6 +69,7 @@ NOT_FOR_PURE = (
     "fl3d.core.leases",
     "fl3d.runs.checkpoints",
     "fl3d.runs.finished",
+    "fl3d.runs.opening",
     "fl3d.runs.plans",
     "fl3d.runs.scores",
     "fl3d.runs.spec",

@@ -22,7 +22,8 @@ from fl3d.analysis.seed_cost import seed_minutes
 from fl3d.analysis.verdicts import Pairs, judge, primary_place, verdicts
 from fl3d.evaluation.bootstrap import N_RESAMPLES
 from fl3d.evaluation.protocol import of_class
-from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.trials import FinishedTrial
 from fl3d.runs.units import Units, units_of
 
 Drawn = Mapping[str, tuple[float, Float]]

@@ -14,7 +14,8 @@ from fl3d.analysis.samples import Float
 from fl3d.analysis.seed_cost import work_seconds
 from fl3d.core.errors import CheckpointError, DataError, StoreError
 from fl3d.evaluation.bootstrap import N_RESAMPLES
-from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.trials import FinishedTrial
 from fl3d.runs.units import units_of
 
 

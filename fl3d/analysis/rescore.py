@@ -15,8 +15,9 @@ from fl3d.evaluation.detections import score
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.results import APPLIES
 from fl3d.runs.design import label_of
-from fl3d.runs.finished import FinishedSweep, scores_of_class
+from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.plans import is_of_program
+from fl3d.runs.scores import scores_of_class
 
 NO_KEYS = ("name", "overlaps", "neighbours", "classes")
 KEYS = tuple(field.name for field in fields(Protocol) if field.name not in NO_KEYS)

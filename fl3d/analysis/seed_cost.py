@@ -5,8 +5,9 @@ from __future__ import annotations
 import statistics
 
 from fl3d.runs.checkpoints import read_marker
-from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import RunFolder
+from fl3d.runs.trials import FinishedTrial
 
 WORK = ("training", "detection", "scoring")  # of what a marker times; waiting is a part of training
 

@@ -19,8 +19,8 @@ from fl3d.config.objects import build
 from fl3d.config.overrides import parse
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
-from fl3d.papers.results import curve_figures, score_figures, verdict_figures
-from fl3d.runs import finished
+from fl3d.papers.drawings import curve_figures, score_figures, verdict_figures
+from fl3d.runs import opening
 from fl3d.runs.drawn import ToDraw
 from fl3d.runs.finished import FinishedSweep
 from fl3d.sweep.by_hand import name_trial
@@ -164,11 +164,11 @@ def run(*words: str, say: Callable[[str], None] = print) -> Sweep:
     asked = multirun(spelled)
     if _is_sweep(spelled):
         settings = train_sweep(asked, build(asked.sweeper, "hydra.sweeper"), say)
-        return Sweep(finished.open_sweep(settings))
+        return Sweep(opening.open_sweep(settings))
     config = compose_config(spelled)
     name_trial(config)
     listed = Listed([point_of(spelled, config)])
-    return Sweep(finished.open_sweep(train(listed, asked.launcher, spelled, say)))
+    return Sweep(opening.open_sweep(train(listed, asked.launcher, spelled, say)))
 
 
 def _is_sweep(words: list[str]) -> bool:

@@ -28,7 +28,8 @@ from fl3d.papers.results import write_sweep
 from fl3d.papers.stored import feeding
 from fl3d.reports.render import to_markdown
 from fl3d.reports.verdicts import seeds_text, verdict_tables
-from fl3d.runs.finished import FinishedSweep, levels_of, open_sweep
+from fl3d.runs.finished import FinishedSweep, levels_of
+from fl3d.runs.opening import open_sweep
 from fl3d.runs.units import units_of
 from fl3d.store.base import Store
 from fl3d.sweep.by_hand import named

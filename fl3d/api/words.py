@@ -13,9 +13,11 @@ from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import BY_HAND, Settings, read_settings
 from fl3d.core.errors import StoreError
 from fl3d.papers.stored import place_words
+from fl3d.runs.asked import Asked
 from fl3d.runs.by_hand import find_by_hand, has_by_hand, told
 from fl3d.runs.design import SEED
-from fl3d.runs.finished import Asked, FinishedSweep, is_stored, open_sweep
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.opening import is_stored, open_sweep
 from fl3d.sweep.by_hand import named
 
 

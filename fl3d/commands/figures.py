@@ -6,8 +6,9 @@ from fl3d.analysis.contributions import Contributions
 from fl3d.api.words import open_words, or_gamma, read_words
 from fl3d.commands.parsing import HELP, parser
 from fl3d.config.places import PUBLISHED
-from fl3d.papers.results import draw_curves, draw_papers, draw_verdicts, judge_or_say
+from fl3d.papers.drawings import draw_curves, draw_papers, draw_verdicts
 from fl3d.papers.stored import feeding
+from fl3d.papers.views import judge_or_say
 
 
 def run(arguments: list[str]) -> None:

@@ -18,18 +18,16 @@ from fl3d.core.files import swap_folder
 from fl3d.core.leases import leased, living
 from fl3d.core.provenance import provenance
 from fl3d.core.shipped import is_checkout
+from fl3d.papers.drawings import draw_curves, draw_papers
 from fl3d.papers.index import write_index
-from fl3d.papers.results import (
-    draw_curves,
-    draw_papers,
-    write_still_tables,
-    write_sweep,
-    write_views,
-)
+from fl3d.papers.results import write_sweep
 from fl3d.papers.stamp import write_stamp
 from fl3d.papers.stored import feeding
-from fl3d.runs.finished import FinishedSweep, open_sweep
+from fl3d.papers.tables import write_still_tables
+from fl3d.papers.views import write_views
+from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import StoreFolder
+from fl3d.runs.opening import open_sweep
 from fl3d.store.opening import open_store
 
 # Seeds of each sweep, in an order in which each greedy sweep comes after the one whose winner it keeps. Three are the

@@ -11,11 +11,14 @@ from fl3d.commands.parsing import HELP, parser
 from fl3d.config.overrides import values_by_key
 from fl3d.config.places import PUBLISHED
 from fl3d.core.errors import StoreError
-from fl3d.papers.results import judge_or_say, write_still_tables, write_sweep, write_views
+from fl3d.papers.results import write_sweep
 from fl3d.papers.stored import feeding, place_words, stored_sweeps
+from fl3d.papers.tables import write_still_tables
+from fl3d.papers.views import judge_or_say, write_views
+from fl3d.runs.asked import asked_for
 from fl3d.runs.by_hand import names_by_hand
 from fl3d.runs.design import SEED
-from fl3d.runs.finished import FinishedSweep, asked_for
+from fl3d.runs.finished import FinishedSweep
 
 
 def run(arguments: list[str]) -> None:

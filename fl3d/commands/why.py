@@ -13,7 +13,7 @@ from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError, options
 from fl3d.evaluation.selection import RULES
 from fl3d.papers.base import PaperTable
-from fl3d.papers.results import paper_tables
+from fl3d.papers.tables import paper_tables
 from fl3d.runs.design import DETECTOR, SEED, label_of, level_text, short_names
 from fl3d.runs.finished import FinishedSweep
 

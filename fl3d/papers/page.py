@@ -14,21 +14,15 @@ from fl3d.analysis.found import Judged
 from fl3d.analysis.split_halves import HALVINGS, best_of_k_checkpoints
 from fl3d.core.files import write_text
 from fl3d.evaluation.selection import BEST_OF_LAST_STAGE
+from fl3d.papers.base import Say
+from fl3d.papers.drawings import draw_curves, draw_papers
 from fl3d.papers.judged_views import tables_of_verdicts
 from fl3d.papers.page_claims import claims_of_papers
 from fl3d.papers.registry import PAPERS
-from fl3d.papers.results import (
-    Say,
-    draw_curves,
-    draw_papers,
-    jobs_of,
-    judge_or_say,
-    write_still_tables,
-    write_sweep,
-    write_tables,
-    write_views,
-)
+from fl3d.papers.results import jobs_of, write_sweep
 from fl3d.papers.stored import feeding
+from fl3d.papers.tables import write_still_tables, write_tables
+from fl3d.papers.views import judge_or_say, write_views
 from fl3d.reports.figures.curves import best_of_k_figure
 from fl3d.reports.halves import halves_table
 from fl3d.reports.page import Section, folded, link, listing, page, paragraph, picture, preformatted

@@ -10,7 +10,8 @@ from fl3d.config.compose import CONF, compose_config
 from fl3d.config.settings import read_settings
 from fl3d.core.errors import StoreError
 from fl3d.papers.base import Feeding, PaperTable
-from fl3d.runs.finished import FinishedSweep, is_stored, open_sweep
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.opening import is_stored, open_sweep
 
 PLACES = ("data", "profile", "store", "results")  # keys that say where a sweep lies
 

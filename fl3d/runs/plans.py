@@ -13,6 +13,7 @@ from typing import Any
 from fl3d.core.errors import StoreError, Unwritable
 from fl3d.core.files import write_text
 from fl3d.core.records import Trial
+from fl3d.runs.design import SEED
 from fl3d.runs.layout import StoreFolder
 
 VERSION = (
@@ -38,6 +39,10 @@ class FrozenTrial:
     group: str
     level: str
     seed: int
+
+    def swept(self, key: str) -> Any:
+        """Its value of a key that is swept, the seed among them; None of another."""
+        return self.seed if key == SEED else self.values.get(key)
 
     def value(self, key: str, default: Any = None) -> Any:
         """A value of its config; of a section its values by what follows the section's name."""

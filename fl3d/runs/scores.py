@@ -15,7 +15,7 @@ import pandas as pd
 
 from fl3d.core.errors import StoreError
 from fl3d.core.files import write_text
-from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.protocol import Protocol, split_metric
 from fl3d.runs.design import in_order
 from fl3d.runs.plans import FrozenPlan, FrozenTrial, read_plan, write_plan
 
@@ -70,6 +70,13 @@ def tidy(raw: pd.DataFrame, trials: Sequence[FrozenTrial], protocol: Protocol) -
         .drop(columns="_place")
         .reset_index(drop=True)
     )
+
+
+def scores_of_class(scores: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Scores of one of several classes, named as if it were the only one."""
+    metrics = [str(c) for c in scores if str(c).startswith(("ap_", "recall_"))]
+    own = {c: split_metric(c)[0] for c in metrics if split_metric(c)[1] == name}
+    return scores.drop(columns=[c for c in metrics if c not in own]).rename(columns=own)
 
 
 def score_file(folder: Path, sweep: str) -> Path:

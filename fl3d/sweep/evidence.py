@@ -10,8 +10,9 @@ import pandas as pd
 from fl3d.analysis.judge import Judge
 from fl3d.analysis.seed_cost import work_seconds
 from fl3d.core.errors import CheckpointError
-from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.spec import steps_done
+from fl3d.runs.trials import FinishedTrial
 from fl3d.sweep.cost import Costs, makespan
 from fl3d.sweep.plan import Plan
 from fl3d.sweep.setup import Prepared

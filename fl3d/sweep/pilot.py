@@ -14,7 +14,9 @@ from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import Settings
 from fl3d.core.errors import ConfigError, DataError, StoreError
 from fl3d.evaluation.intervals import ALPHA, frames_alpha
-from fl3d.runs.finished import FinishedSweep, FinishedTrial, open_sweep
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.opening import open_sweep
+from fl3d.runs.trials import FinishedTrial
 from fl3d.runs.units import Units, units_of
 
 Draws = dict[tuple[str, int], NDArray[np.float64]]

@@ -11,7 +11,8 @@ from fl3d.config.settings import Settings, read_settings
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError, StoreError, options
 from fl3d.runs.design import SEED
-from fl3d.runs.finished import FinishedSweep, open_sweep
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.opening import open_sweep
 from fl3d.runs.plans import FrozenTrial
 from fl3d.sweep.sweepers.params import check_params
 

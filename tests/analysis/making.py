@@ -20,10 +20,11 @@ from fl3d.evaluation.detections import (
     write_detections,
 )
 from fl3d.runs.checkpoints import write_marker
-from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.scores import tidy
 from fl3d.runs.spec import Spec, read_spec, write_done, write_spec
+from fl3d.runs.trials import FinishedTrial
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
 from fl3d.sweep.setup import Prepared, machine
 from tests.support import small_sweep

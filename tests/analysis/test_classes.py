@@ -10,7 +10,10 @@ from fl3d.analysis.found import judge_sweep
 from fl3d.analysis.gains import recalls
 from fl3d.analysis.judge import Judge
 from fl3d.analysis.samples import compare_sweep
-from fl3d.papers.results import generic_tables, protocol_note, write_sweep, write_views
+from fl3d.papers.protocol_note import protocol_note
+from fl3d.papers.results import write_sweep
+from fl3d.papers.tables import generic_tables
+from fl3d.papers.views import write_views
 from fl3d.runs.finished import FinishedSweep
 from tests.analysis.making import detected_sweep
 

@@ -10,7 +10,8 @@ import pytest
 from fl3d.analysis.verify import checkpoints_of, verify
 from fl3d.core.errors import StoreError
 from fl3d.evaluation.detections import Detections, read_detections, write_detections
-from fl3d.runs.finished import FinishedSweep, open_sweep
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.opening import open_sweep
 from fl3d.store.opening import open_store
 from tests.papers.making import Made, aps, finished_sweep
 from tests.support import run_small, small_sweep

@@ -7,7 +7,8 @@ import pytest
 from fl3d.commands.why import is_one_value, is_short, run
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import ConfigError
-from fl3d.runs.finished import FinishedSweep, open_sweep
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.opening import open_sweep
 from fl3d.store.opening import open_store
 from tests.analysis.making import detected_sweep
 from tests.papers.making import store_scores

@@ -17,11 +17,12 @@ from fl3d.core.records import Config
 from fl3d.evaluation.protocol import METRIC_NAMES
 from fl3d.reports.table import AP_COLUMNS
 from fl3d.runs.design import baseline_level, make_design
-from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.plans import FrozenPlan, FrozenTrial, write_plan
 from fl3d.runs.scores import tidy
 from fl3d.runs.spec import write_done
+from fl3d.runs.trials import FinishedTrial
 from fl3d.store.base import Scored
 from fl3d.store.opening import open_store
 from fl3d.sweep.identity import result_config

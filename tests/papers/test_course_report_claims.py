@@ -22,7 +22,8 @@ from fl3d.papers.course_report.sentences import (
     Place,
 )
 from fl3d.reports.verdicts import ONE_SEED
-from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.trials import FinishedTrial
 from tests.papers.making import Made, finished_sweep
 from tests.papers.test_course_report import (
     END,

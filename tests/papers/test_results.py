@@ -14,20 +14,16 @@ from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.files import OLD_SECONDS
 from fl3d.papers.base import PaperTable
 from fl3d.papers.course_report.frustum_tables import DETECTORS, FRUSTUM
+from fl3d.papers.drawings import draw_verdicts
 from fl3d.papers.focal_loss.published_cells import published_table
-from fl3d.papers.results import (
-    draw_verdicts,
-    interval_views,
-    judge_or_say,
-    make_tables,
-    remove_views,
-    write_sweep,
-    write_views,
-)
+from fl3d.papers.results import write_sweep
 from fl3d.papers.stored import feeding, place_words
+from fl3d.papers.tables import make_tables
+from fl3d.papers.views import interval_views, judge_or_say, remove_views, write_views
 from fl3d.reports.table import Table
-from fl3d.runs.finished import FinishedSweep, is_stored, levels_of, open_sweep
+from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.layout import StoreFolder
+from fl3d.runs.opening import is_stored, open_sweep
 from fl3d.runs.scores import score_file, write_score_file
 from tests.analysis.making import detected_sweep, without
 from tests.papers.making import Made, aps, finished_sweep, printed_aps, store_scores

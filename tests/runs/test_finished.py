@@ -17,11 +17,12 @@ from fl3d.evaluation.detections import Detections, write_detections
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import BEST_OF_LAST_STAGE, MEAN_3D
 from fl3d.runs.checkpoints import write_marker
-from fl3d.runs.finished import FinishedTrial, is_stored, open_sweep
 from fl3d.runs.layout import StoreFolder
+from fl3d.runs.opening import is_stored, open_sweep
 from fl3d.runs.plans import FrozenPlan, FrozenTrial, write_plan
 from fl3d.runs.scores import FRONT, read_score_file, score_file, write_score_file
 from fl3d.runs.spec import Machine, Spec, write_done, write_spec
+from fl3d.runs.trials import FinishedTrial
 from fl3d.store.base import Scored, Store
 from fl3d.store.memory import MemoryStore
 
@@ -110,7 +111,8 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> World:
         assert root == store.root
         return store
 
-    monkeypatch.setattr("fl3d.runs.finished.open_store", open_store)
+    for reader in ("opening", "finished"):
+        monkeypatch.setattr(f"fl3d.runs.{reader}.open_store", open_store)
     return World(tmp_path, store)
 
 

@@ -14,7 +14,7 @@ from fl3d.core import leases
 from fl3d.core.errors import ConfigError, StageFailed, StoreError
 from fl3d.core.leases import Holder, leased
 from fl3d.core.records import Config
-from fl3d.runs.finished import open_sweep
+from fl3d.runs.opening import open_sweep
 from fl3d.runs.plans import read_plan
 from fl3d.store.base import RunStatus
 from fl3d.store.memory import MemoryStore

@@ -18,7 +18,7 @@ from fl3d.core.errors import ConfigError
 from fl3d.core.records import Config, Stage, Trial
 from fl3d.evaluation.verdicts import Verdict
 from fl3d.reports.verdicts import gain_text
-from fl3d.runs.finished import open_sweep
+from fl3d.runs.opening import open_sweep
 from fl3d.runs.plans import read_plan
 from fl3d.store.memory import MemoryStore
 from fl3d.store.opening import open_store

@@ -10,8 +10,9 @@ import pytest
 from fl3d.config.compose import compose_config, multirun
 from fl3d.config.settings import Settings, read_settings
 from fl3d.core.errors import ConfigError, StoreError
-from fl3d.runs.finished import FinishedSweep, open_sweep
+from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import StoreFolder
+from fl3d.runs.opening import open_sweep
 from fl3d.runs.plans import FrozenPlan, FrozenTrial, write_plan
 from fl3d.runs.scores import FRONT, score_file, write_score_file
 from fl3d.sweep.sweepers.grid import point_of

@@ -21,7 +21,7 @@ from fl3d.papers.course_report.frustum_tables import (
 from fl3d.papers.course_report.recall_tables import OVERLAPS, RECALL_TABLES
 from fl3d.papers.course_report.resolutions_table import RESOLUTIONS
 from fl3d.papers.course_report.sentences import Place
-from fl3d.runs.finished import FinishedTrial
+from fl3d.runs.trials import FinishedTrial
 
 R40 = AVERAGES.index("R40")
 # Of each seed a value, and (R,) the same in each resample of the frames; of a recall, which is not resampled, R = 1.

@@ -34,10 +34,11 @@ from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models
 from fl3d.reports.levels import slug
 from fl3d.runs.drawn import drawn
-from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.kept import Arrays, code_digest, is_kept, kept
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.spec import read_spec
+from fl3d.runs.trials import FinishedTrial
 
 FULL_GRID = ("detector=fcn3d", "profile=paper")
 COUNTED = 1000  # training frames over which positives by height are counted

@@ -10,7 +10,8 @@ from fl3d.papers.focal_loss.loss_term_claims import Terms
 from fl3d.papers.focal_loss.scratch_claims import Course
 from fl3d.papers.focal_loss.tables import GAMMA, LAST_TABLES, gamma_of
 from fl3d.runs.checkpoints import read_marker
-from fl3d.runs.finished import FinishedSweep, FinishedTrial
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.trials import FinishedTrial
 
 TERMS = ("cls_pos", "cls_neg", "reg")
 WHOLE = "total"

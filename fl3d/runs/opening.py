@@ -1,0 +1,87 @@
+"""Opens a finished sweep: the one reader of what a store folder, or a results folder, holds of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fl3d.config.settings import Settings
+from fl3d.core.errors import StoreError
+from fl3d.runs.asked import Asked, asked_for
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.layout import StoreFolder
+from fl3d.runs.plans import read_plan
+from fl3d.runs.scores import read_score_file, score_file, tidy
+from fl3d.runs.trials import FinishedTrial
+from fl3d.store.opening import open_store
+
+
+def open_sweep(
+    settings: Settings, asked: Asked | None = None, published: Path | None = None
+) -> FinishedSweep:
+    """Open a sweep that was run before: from the store, or else from a file of its scores.
+
+    Args:
+        settings: of the sweep.
+        asked: values by key: of the sweep's trials those that have one of them.
+        published: folder of results that were published, tried after ``settings.results``; None: none.
+
+    Raises:
+        StoreError: no trial of it is done, or none is asked for.
+    """
+    found = _from_store(settings)
+    if found is None:
+        found = _from_files(settings, published)
+    return asked_for(found, asked or {})
+
+
+def is_stored(settings: Settings, published: Path | None = None) -> bool:
+    """Whether a sweep was planned in the store, or a results folder holds its scores."""
+    places = [settings.results, *([published] if published else [])]
+    files = [score_file(place / settings.folder_name, settings.sweep.name) for place in places]
+    plan = StoreFolder(settings.store.root).plan(settings.experiment)
+    return plan.exists() or any(file.exists() for file in files)
+
+
+def _from_store(settings: Settings) -> FinishedSweep | None:
+    layout = StoreFolder(settings.store.root)
+    path = layout.plan(settings.experiment)
+    if not path.exists():
+        return None
+    plan = read_plan(path)
+    trials = [
+        FinishedTrial(trial, tuple(layout.run(key) for key in trial.stages))
+        for trial in plan.trials
+        if layout.run(trial.key).is_done
+    ]
+    raw = open_store(settings.store.root, settings.store.uri).read(settings.stored_as)
+    scores = tidy(raw, [trial.plan for trial in trials], settings.protocol)
+    if scores.empty:
+        return None
+    logged = set(scores["trial"])
+    kept = tuple(trial for trial in trials if trial.key in logged)
+    return FinishedSweep(
+        settings=settings, plan=plan, trials=kept, scores=scores, source=settings.store.root
+    )
+
+
+def _from_files(settings: Settings, published: Path | None) -> FinishedSweep:
+    places = [settings.results, *([published] if published else [])]
+    files = [score_file(place / settings.folder_name, settings.sweep.name) for place in places]
+    file = next((file for file in files if file.exists()), None)
+    if file is None:
+        tried = " or ".join(str(file) for file in files)
+        layout = StoreFolder(settings.store.root)
+        planned = layout.plan(settings.experiment)
+        asked = read_plan(planned).trials if planned.exists() else ()
+        if asked and not any(layout.run(trial.key).is_done for trial in asked):
+            raise StoreError(
+                f"{settings.experiment}: none of its {len(asked)} trials is done yet; the command that started it "
+                "resumes it"
+            )
+        raise StoreError(
+            f"{settings.store.root}: no scores of {settings.experiment}, and none in {tried}; run the sweep first"
+        )
+    plan, scores = read_score_file(file, settings.protocol)
+    done = set(scores["trial"])
+    trials = tuple(FinishedTrial(trial, ()) for trial in plan.trials if trial.key in done)
+    return FinishedSweep(settings=settings, plan=plan, trials=trials, scores=scores, source=file)
