@@ -291,4 +291,4 @@ def _write(folder: Path, name: str, found: Labels) -> Path:
 def _draw(detector: str, cloud: Cloud, found: Labels, protocol: Protocol, folder: Path) -> None:
     frame = cloud.frame
     scenes = {f"{detector}, {frame.id}": [Scene(frame, cloud.image, found, protocol.classes)]}
-    boxes_of_models(scenes, protocol.ignore_beyond, folder / frame.id, endings=(".png",))
+    boxes_of_models(scenes, protocol.ignore_beyond).write(folder / frame.id, endings=(".png",))

@@ -13,7 +13,7 @@ from fl3d.papers.curves import cut_curves, precision_curves
 from fl3d.papers.registry import papers_of
 from fl3d.reports.figures.curves import ap_over_cut, ap_over_level, ap_over_steps, precision_recall
 from fl3d.reports.figures.forest import forest
-from fl3d.runs.drawn import ToDraw, drawn_at
+from fl3d.runs.drawn import ToDraw, drawn
 from fl3d.runs.finished import FinishedSweep, levels_of
 
 FIGURES = (".csv", ".png", ".pdf")  # what each figure is written as
@@ -87,5 +87,5 @@ def _write_figures(sweep: FinishedSweep, figures: Mapping[str, ToDraw]) -> list[
     return [
         path
         for name, figure in figures.items()
-        for path in drawn_at(sweep.drawn_as, folder / f"{name}_{sweep.name}", figure)
+        for path in drawn(sweep.drawn_as, folder / f"{name}_{sweep.name}", figure)
     ]

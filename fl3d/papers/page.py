@@ -30,7 +30,7 @@ from fl3d.reports.render import to_html
 from fl3d.reports.table import Table
 from fl3d.reports.verdicts import findings
 from fl3d.runs.checkpoints import read_marker
-from fl3d.runs.drawn import drawn_at
+from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.spec import read_spec
 
@@ -151,7 +151,7 @@ def _halves(made: Contributions) -> tuple[Table, list[Path]]:
     )
     path = sweep.settings.results_folder / "figures" / f"best_of_k_{sweep.name}"
     figure = partial(best_of_k_figure, best_of_k_checkpoints(sweep.scores), levels)
-    return table, drawn_at(sweep.drawn_as, path, figure)
+    return table, drawn(sweep.drawn_as, path, figure)
 
 
 def _caption(path: Path) -> str:

@@ -17,7 +17,7 @@ from fl3d.reports.figures.curves import ap_over_level, ap_over_steps
 from fl3d.reports.figures.style import beside
 from fl3d.reports.render import to_markdown
 from fl3d.reports.table import Table
-from fl3d.runs.drawn import drawn_at
+from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep, levels_of
 from fl3d.runs.scores import score_file, score_text, write_score_file
 
@@ -42,7 +42,7 @@ def write_sweep(sweep: FinishedSweep, feeding: Feeding, say: Say) -> tuple[list[
     figures = folder / "figures"
     last = sweep.select("last")
     steps = partial(ap_over_steps, sweep.scores, last, sweep.select("best"), levels)
-    written += drawn_at(sweep.drawn_as, figures / f"ap_over_steps_{sweep.name}", steps)
+    written += drawn(sweep.drawn_as, figures / f"ap_over_steps_{sweep.name}", steps)
     stem = figures / f"ap_over_level_{sweep.name}"
     bars = [beside(stem, ending) for ending in FIGURES]
     if is_new or not all(path.exists() for path in bars):

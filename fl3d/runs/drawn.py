@@ -15,7 +15,7 @@ from enum import Enum
 from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,63 +28,24 @@ from fl3d.runs.kept import Arrays, code_digest, kept
 # What draws: the functions themselves, and what they ask for boxes, levels, verdicts and their words.
 CODE = ("core", "geometry", "data", "evaluation", "reports", "papers", "runs/drawn.py")
 LIBRARIES = ("matplotlib", "numpy", "pandas", "pillow", "fonttools")
-PATH = "path"  # argument of a function that draws: where, without ending
-
-P = ParamSpec("P")
 ToDraw = partial[Drawn] | partial[Drawn | None]
 
 
-def drawn(
-    place: Callable[[str], Path | None],
-    figure: Callable[P, list[Path]],
-    *given: P.args,
-    **named: P.kwargs,
-) -> list[Path]:
-    """Draw a figure, or write it as it was drawn before; every file of it.
+def drawn(place: Callable[[str], Path | None], path: Path, figure: ToDraw) -> list[Path]:
+    """Draw a figure, or write it as it was drawn before; every file of it, none where there is none to draw.
 
     A file that is there already with the same content is left as it is.
 
     Args:
         place: where a figure of a name is kept, such as ``FinishedSweep.drawn_as``; None: it is not.
-        figure: draws into files beside its argument ``path``, which decides their names alone.
-        given: its arguments.
-        named: likewise.
-    """
-    bound = inspect.signature(figure).bind(*given, **named)
-    path = Path(bound.arguments[PATH])
-    shown = {name: value for name, value in bound.arguments.items() if name != PATH}
-
-    def draw(at: Path) -> list[Path]:
-        bound.arguments[PATH] = at
-        return figure(*bound.args, **bound.kwargs)
-
-    return _read_or_draw(place, path, figure, shown, draw)
-
-
-def drawn_at(place: Callable[[str], Path | None], path: Path, figure: ToDraw) -> list[Path]:
-    """The same of a figure that is returned: nothing is written where there is none to draw.
-
-    Args:
-        place: see ``drawn``.
         path: without ending.
         figure: the function that draws, with its arguments.
     """
-    shown = inspect.signature(figure.func).bind(*figure.args, **figure.keywords).arguments
 
     def draw(at: Path) -> list[Path]:
         made = figure()
         return [] if made is None else made.write(at)
 
-    return _read_or_draw(place, path, figure.func, shown, draw)
-
-
-def _read_or_draw(
-    place: Callable[[str], Path | None],
-    path: Path,
-    figure: Callable[..., Any],
-    shown: Mapping[str, Any],
-    draw: Callable[[Path], list[Path]],
-) -> list[Path]:
     keep = place(path.name)
     if keep is None:
         return draw(path)
@@ -95,8 +56,9 @@ def _read_or_draw(
             contents = {file.name: file.read_bytes() for file in written}
         return {name: np.frombuffer(one, dtype=np.uint8) for name, one in contents.items()}
 
+    shown = inspect.signature(figure.func).bind(*figure.args, **figure.keywords).arguments
     made_of = {
-        "figure": f"{figure.__module__}.{figure.__qualname__}",
+        "figure": f"{figure.func.__module__}.{figure.func.__qualname__}",
         "name": path.name,
         "given": plain(shown),
         "code": code_digest(*CODE),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from fl3d.papers.base import Feeding
 from fl3d.papers.course_report.frustum_tables import DETECTORS, NAMES
 from fl3d.papers.scenes import scenes_of
 from fl3d.reports.figures.boxes import Scene, boxes_of_models, draw_picture
-from fl3d.reports.figures.style import BLUE, PURPLE, Drawn, canvas, panels, save, styled
+from fl3d.reports.figures.style import BLUE, PURPLE, Drawn, canvas, panels, styled
 from fl3d.reports.levels import slug
 from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep
@@ -57,17 +58,17 @@ def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
     own = sweep.scores[sweep.scores["trial"] == trial.key]
     name = slug(trial.detector).replace("-", "")
     epochs = folder / f"report_figure_4_{name}"
-    written = drawn(sweep.drawn_as, overlap_over_epochs, own, epochs)
+    written = drawn(sweep.drawn_as, epochs, partial(overlap_over_epochs, own))
     first, second = trial.folders[-2:]
     scenes = {
         STAGES[0]: scenes_of(sweep, first, trial.plan.first_own_step),
         STAGES[1]: scenes_of(sweep, second, trial.last_step),
     }
-    given = (scenes, sweep.protocol.ignore_beyond, folder / f"report_figure_7_{name}")
-    written += drawn(sweep.drawn_as, boxes_of_models, *given)
+    both = partial(boxes_of_models, scenes, sweep.protocol.ignore_beyond)
+    written += drawn(sweep.drawn_as, folder / f"report_figure_7_{name}", both)
     shown = scenes[STAGES[0]]
     if all(scene.frame.image_boxes is not None for scene in shown):
-        written += drawn(sweep.drawn_as, figure_8, shown, folder / "report_figure_8")
+        written += drawn(sweep.drawn_as, folder / "report_figure_8", partial(figure_8, shown))
     return written + figure_6(feeding(DETECTORS), folder / "report_figure_6")
 
 
@@ -93,17 +94,15 @@ def figure_6(sweeps: Sequence[FinishedSweep], path: Path) -> list[Path]:
     frames = {own[0].frame.id for own in models.values()}
     if len(models) < len(NAMES) or len(frames) > 1:
         return []
-    return drawn(
-        at_hand[0].drawn_as, boxes_of_models, models, at_hand[0].protocol.ignore_beyond, path
-    )
+    figure = partial(boxes_of_models, models, at_hand[0].protocol.ignore_beyond)
+    return drawn(at_hand[0].drawn_as, path, figure)
 
 
-def overlap_over_epochs(scores: pd.DataFrame, path: Path) -> list[Path]:
+def overlap_over_epochs(scores: pd.DataFrame) -> Drawn:
     """The report's Figure 4: the cars' mean best overlap over epochs, and the share of those above 0.5 and 0.7.
 
     Args:
         scores: tidy, of one trial.
-        path: without ending.
     """
     lines = {
         "recall_3d/mean_iou": "mean IoU",
@@ -131,15 +130,14 @@ def overlap_over_epochs(scores: pd.DataFrame, path: Path) -> list[Path]:
         axes.set_ylabel("3D overlap of cars, and shares above")
         axes.set_ylim(0, 1)
 
-    return Drawn(panels(sorted(data["detector"].unique()), panel, 3), data).write(path)
+    return Drawn(panels(sorted(data["detector"].unique()), panel, 3), data)
 
 
-def figure_8(scenes: list[Scene], path: Path, least: float = 0.5) -> list[Path]:
+def figure_8(scenes: list[Scene], least: float = 0.5) -> Drawn:
     """The report's Figure 8: 2D boxes of labels, and of a 2D detector where its score is at least ``least``.
 
     Args:
         scenes: frames with ``image_boxes``.
-        path: without ending.
         least: score.
     """
     with styled():
@@ -160,4 +158,4 @@ def figure_8(scenes: list[Scene], path: Path, least: float = 0.5) -> list[Path]:
             width, height = scene.frame.image_size
             axes.set(xlim=(0, width), ylim=(height, 0), xticks=[], yticks=[], aspect="equal")
         grid[0, 0].legend(loc="upper right", fontsize=6)
-        return save(figure, path)
+        return Drawn(figure)

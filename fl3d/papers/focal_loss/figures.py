@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -72,10 +73,10 @@ def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
         return []
     written = _posteriors(sweep, folder)
     written += _cumulative_losses(sweep, folder)
-    curves = (_gammas(sweep), folder / "figure_1_arxiv")
-    written += drawn(sweep.drawn_as, focal_curves, *curves)
-    heights = (_heights(sweep), folder / "imbalance_by_height")
-    written += drawn(sweep.drawn_as, imbalance_by_height, *heights)
+    curves = partial(focal_curves, _gammas(sweep))
+    written += drawn(sweep.drawn_as, folder / "figure_1_arxiv", curves)
+    heights = partial(imbalance_by_height, _heights(sweep))
+    written += drawn(sweep.drawn_as, folder / "imbalance_by_height", heights)
     return written + _scenes(sweep, folder)
 
 
@@ -123,7 +124,7 @@ def _posteriors(sweep: FinishedSweep, folder: Path) -> list[Path]:
         key = (trial.detector, kind, gamma_of(trial.plan))
         pooled.setdefault(key, []).append(own)
     posteriors = {key: np.concatenate(own) for key, own in pooled.items()}
-    return drawn(sweep.drawn_as, figure_5, posteriors, folder / "figure_5")
+    return drawn(sweep.drawn_as, folder / "figure_5", partial(figure_5, posteriors))
 
 
 def posteriors_of(
@@ -150,7 +151,8 @@ def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
         if gamma > 0:
             windows = windows_of(sweep, sweep.trial(trial).holder(step), step)
             sampled[detector] = (windows.positive, windows.negative)
-    return drawn(sweep.drawn_as, figure_4, sampled, _gammas(sweep), folder / "figure_4")
+    losses = partial(figure_4, sampled, _gammas(sweep))
+    return drawn(sweep.drawn_as, folder / "figure_4", losses)
 
 
 def _gammas(sweep: FinishedSweep) -> list[float]:
@@ -238,8 +240,8 @@ def _scenes(sweep: FinishedSweep, folder: Path, only: str | None = None) -> list
             )
     written: list[Path] = []
     for detector, pair in models.items():
-        given = (pair, sweep.protocol.ignore_beyond, folder / _scenes_name(detector))
-        written += drawn(sweep.drawn_as, boxes_of_models, *given)
+        figure = partial(boxes_of_models, pair, sweep.protocol.ignore_beyond)
+        written += drawn(sweep.drawn_as, folder / _scenes_name(detector), figure)
     return written
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -46,12 +45,11 @@ def cumulative_loss(logits: Array, sign: int, gamma: float, shares: Array) -> Ar
     return filled
 
 
-def focal_curves(gammas: Sequence[float], path: Path) -> list[Path]:
+def focal_curves(gammas: Sequence[float]) -> Drawn:
     """Figure 1 of the arXiv version: the focal loss of one window over its posterior probability (Eq. 4).
 
     Args:
         gammas: a curve each.
-        path: without ending.
     """
     p_t = np.linspace(1, 100, 199) / 100  # at 0 the loss is infinite
     parts = []
@@ -66,21 +64,18 @@ def focal_curves(gammas: Sequence[float], path: Path) -> list[Path]:
         axes.text(0.75, 4.6, "classified well", ha="center", fontsize=7, color="0.35")
         axes.set(xlabel="posterior probability of a window", ylabel=name, xlim=(0, 1), ylim=(0, 5))
 
-    return Drawn(panels(["focal loss"], panel, 4), data).write(path)
+    return Drawn(panels(["focal loss"], panel, 4), data)
 
 
-def figure_4(
-    sampled: Mapping[str, tuple[Array, Array]], gammas: list[float], path: Path
-) -> list[Path]:
-    """Figure 4: cumulative normalised loss of positives and of negatives, for each gamma.
+def figure_4(sampled: Mapping[str, tuple[Array, Array]], gammas: list[float]) -> Drawn | None:
+    """Figure 4: cumulative normalised loss of positives and of negatives, for each gamma; None without a detector.
 
     Args:
         sampled: by detector, logits of positive and of negative windows of its best focal model.
         gammas: the loss is computed anew for each from the same posteriors.
-        path: without ending.
     """
     if not sampled:
-        return []
+        return None
     shares = np.unique(np.concatenate([np.linspace(0, 1, POINTS), np.linspace(0.998, 1, POINTS)]))
     rows = []
     for detector, pair in sampled.items():
@@ -111,7 +106,7 @@ def figure_4(
         axes.set_xlabel(f"share of the {kind}, easiest first")
         axes.set_ylabel("cumulative normalised loss")
 
-    return Drawn(panels(list(names), panel, 7, 2.6), data).write(path)
+    return Drawn(panels(list(names), panel, 7, 2.6), data)
 
 
 def _levels(gammas: Iterable[float]) -> Levels:
@@ -125,12 +120,11 @@ def _draw(axes: Axes, own: pd.DataFrame, x: str, y: str, every: float) -> None:
     draw_by_level(axes, told, _levels(own["gamma"]), x, y, every)
 
 
-def figure_5(pooled: Mapping[tuple[str, str, float], Array], path: Path) -> list[Path]:
+def figure_5(pooled: Mapping[tuple[str, str, float], Array]) -> Drawn:
     """Figure 5: histograms of the posterior probability of positives, by gamma; last models.
 
     Args:
         pooled: by detector, what is taken for its positives (one of ``KINDS``) and gamma.
-        path: without ending.
     """
     edges = np.linspace(0, 1, BINS + 1)
     rows = []
@@ -161,15 +155,14 @@ def figure_5(pooled: Mapping[tuple[str, str, float], Array], path: Path) -> list
         axes.set(xlabel="posterior probability", ylabel="density (log)", yscale="log")
         axes.set(xlim=(0, 1), ylim=reach)
 
-    return Drawn(panels(list(names), panel, 4, 2.4), data).write(path)
+    return Drawn(panels(list(names), panel, 4, 2.4), data)
 
 
-def imbalance_by_height(data: pd.DataFrame, path: Path) -> list[Path]:
+def imbalance_by_height(data: pd.DataFrame) -> Drawn:
     """Positive windows of 3D-FCN a frame, and negatives for each of them, by height (§III-B).
 
     Args:
         data: ``z_low`` and ``z_high`` in metres (LiDAR frame), ``positives`` and ``negatives`` a frame.
-        path: without ending.
     """
     middle = (data["z_low"] + data["z_high"]) / 2
     height = (data["z_high"] - data["z_low"]).iloc[0] * 0.8
@@ -190,4 +183,4 @@ def imbalance_by_height(data: pd.DataFrame, path: Path) -> list[Path]:
             axes.set_xlabel("negative windows for each positive")
         axes.set_ylabel("height of the window, LiDAR frame (m)")
 
-    return Drawn(panels(["positives", "imbalance"], panel, 1), data).write(path)
+    return Drawn(panels(["positives", "imbalance"], panel, 1), data)

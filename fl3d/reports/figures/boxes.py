@@ -15,7 +15,7 @@ from fl3d.data.classes import CARS
 from fl3d.data.kitti import Frame
 from fl3d.data.labels import Labels
 from fl3d.geometry.boxes import CORNER_SIGNS, Array, corners_velo
-from fl3d.reports.figures.style import BLUE, PURPLE, Drawing, canvas, save, styled
+from fl3d.reports.figures.style import BLUE, PURPLE, Drawing, Drawn, canvas, save, styled
 
 FOOTPRINT = (0, 1, 5, 2, 0)  # corners around the bottom face
 EDGES = tuple(
@@ -51,16 +51,12 @@ class Scene:
 def boxes_of_models(
     models: dict[str, list[Scene]],
     beyond: tuple[float, float, float, float] | None,
-    path: Path,
-    endings: tuple[str, ...] = (".png", ".pdf"),
-) -> list[Path]:
+) -> Drawn:
     """For each model a row of pictures with projected boxes and a row of the same frames from above.
 
     Args:
         models: by name, the same frames for each.
         beyond: area of the evaluation, or None.
-        path: without ending.
-        endings: of the files.
     """
     n = len(next(iter(models.values())))
     with styled():
@@ -76,7 +72,7 @@ def boxes_of_models(
                 if k + 1 < len(models):
                     grid[2 * k + 1, column].set(xlabel="", xticks=[])
             grid[2 * k, 0].set_title(name, loc="left")
-        return save(figure, path, endings)
+        return Drawn(figure)
 
 
 def draw_picture(axes: Axes, scene: Scene) -> None:

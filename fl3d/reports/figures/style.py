@@ -40,6 +40,7 @@ METADATA = {
     ".png": {"Software": None},
     ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
 }
+ENDINGS = (".png", ".pdf")  # that a figure is written with
 COLUMN = 3.5  # inches: one column of a two-column page
 LEGEND_LETTERS = 17  # of a legend's 7 point font on an inch, measured on its widest labels
 SHOWN_DPI = 100  # in a notebook
@@ -62,19 +63,21 @@ class Drawn:
 
     Args:
         figure: in fl3d's style.
-        data: a row a mark, or a point of a curve.
+        data: a row a mark, or a point of a curve; None of a picture.
     """
 
     figure: Figure
-    data: pd.DataFrame
+    data: pd.DataFrame | None = None
 
-    def write(self, path: Path) -> list[Path]:
+    def write(self, path: Path, endings: tuple[str, ...] = ENDINGS) -> list[Path]:
         """Write both; every file written.
 
         Args:
             path: without ending.
+            endings: of the figure.
         """
-        return [write_data(self.data, path), *save(self.figure, path)]
+        data = [] if self.data is None else [write_data(self.data, path)]
+        return [*data, *save(self.figure, path, endings)]
 
 
 def settings() -> dict[str, str]:
@@ -102,7 +105,7 @@ def canvas(
     return figure, figure.subplots(rows, columns, squeeze=False, height_ratios=height_ratios)
 
 
-def save(figure: Figure, path: Path, endings: tuple[str, ...] = (".png", ".pdf")) -> list[Path]:
+def save(figure: Figure, path: Path, endings: tuple[str, ...] = ENDINGS) -> list[Path]:
     """Write a figure without dates, so that the same data give the same bytes."""
     _take_dollars_as_dollars(figure)
     written = []
