@@ -129,9 +129,19 @@ def published(package: str, name: str) -> pd.DataFrame:
         package: of the paper.
         name: of the table's file, ``table_<name>.csv``.
     """
-    path = files(package) / "published" / f"table_{name}.csv"
-    with path.open("r", encoding="utf-8") as file:
-        return pd.read_csv(file, dtype=str, keep_default_na=False)
+    return read_published(package, f"table_{name}.csv")
+
+
+def read_published(package: str, file: str) -> pd.DataFrame:
+    """A file beside a paper's code, of what it prints: all cells as strings.
+
+    Args:
+        package: of the paper.
+        file: its name.
+    """
+    path = files(package) / "published" / file
+    with path.open("r", encoding="utf-8") as opened:
+        return pd.read_csv(opened, dtype=str, keep_default_na=False)
 
 
 def with_values(

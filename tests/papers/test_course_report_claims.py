@@ -16,10 +16,9 @@ from fl3d.papers.course_report.sentences import (
     DEFAULT,
     FRONTS,
     LEVELS,
-    OF_FRUSTUM,
-    OF_POINTRCNN,
     RECALLS,
     Place,
+    sentences,
 )
 from fl3d.reports.verdicts import ONE_SEED
 from fl3d.runs.finished import FinishedSweep
@@ -34,7 +33,7 @@ from tests.papers.test_course_report import (
 )
 
 ALPHA = ("R6", ("first", "Alpha = 0.3"))
-SENTENCES = (*OF_POINTRCNN, *OF_FRUSTUM)
+SENTENCES = (*sentences("PointRCNN"), *sentences("Frustum ConvNet"))
 
 
 class Scored:

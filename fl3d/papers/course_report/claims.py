@@ -16,7 +16,7 @@ from fl3d.papers.course_report.frustum_tables import DETECTORS, FIRST, FRUSTUM, 
 from fl3d.papers.course_report.recall_tables import RECALL_TABLES
 from fl3d.papers.course_report.report_claims import claim_of, only_change_claim
 from fl3d.papers.course_report.resolutions_table import RESOLUTIONS
-from fl3d.papers.course_report.sentences import DEFAULT, OF_FRUSTUM, OF_POINTRCNN
+from fl3d.papers.course_report.sentences import DEFAULT, sentences
 from fl3d.reports.table import Table
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.spec import read_spec
@@ -61,9 +61,9 @@ def claims_of(sources: Sequence[Contributions]) -> Table | None:
         for stage, setting in SETTINGS
         if stage == FIRST and (FRUSTUM.number, (stage, setting)) != DEFAULT
     }
-    claims = [claim_of(one, cells) for one in OF_POINTRCNN]
+    claims = [claim_of(one, cells) for one in sentences("PointRCNN")]
     claims += [_foreground(own[0].sweep), BINS, NO_DEFAULT]
-    claims += [claim_of(one, cells) for one in OF_FRUSTUM]
+    claims += [claim_of(one, cells) for one in sentences("Frustum ConvNet")]
     claims.append(only_change_claim(settings, cells))
     caption = "Claims of the course report that its tables bear on"
     return claims_table(claims, NOTES, "claims_report", caption)

@@ -1,11 +1,17 @@
-"""What the course report says of its own tables: which row is better than which, in which columns. Pure."""
+"""What the course report says of its own tables: which row is better than which, in which columns. Pure.
+
+The sentences lie beside the published cells, ``published/sentences.csv``: a row as ``R4 | 2m | 0.2m``, rows that it is
+held against parted by semicolons.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 
-from fl3d.papers.course_report.published_cells import published_table
+from fl3d.papers.course_report.published_cells import published_sentences, published_table
 
 Place = tuple[str, tuple[str, ...]]  # a table, and the texts that tell a row in it
 
@@ -22,8 +28,8 @@ FRONTS = {
 LOW = ("iou_0.1", "iou_0.3")
 HIGH = ("iou_0.5", "iou_0.7", "iou_0.9")
 RECALLS = (*LOW, *HIGH)
-EASY, MEDIUM, HARD = "3d_easy", "3d_medium", "3d_hard"
-LEVELS = (EASY, MEDIUM, HARD)
+LEVELS = ("3d_easy", "3d_medium", "3d_hard")
+COLUMNS = {"recalls": RECALLS, "low": LOW, "high": HIGH, "levels": LEVELS}
 
 
 class Says(StrEnum):
@@ -78,205 +84,31 @@ def printed_cell(place: Place, column: str) -> float:
     return float(row[f"{column.removeprefix('3d_')}_3d" if number == "R7" else column])
 
 
-def _batch(size: str) -> Place:
-    return "R2", (size,)
+DEFAULT: Place = ("R6", ("first", "Default Parameters"))
 
 
-def _first(setting: str) -> Place:
-    return "R6", ("first", setting)
+@cache
+def sentences(told_with: str) -> tuple[Sentence, ...]:
+    """The sentences that are told with a detector, ``PointRCNN`` or ``Frustum ConvNet``, in the report's order."""
+    rows = published_sentences().to_dict("records")
+    return tuple(_sentence(row) for row in rows if row["told_with"] == told_with)
 
 
-DEFAULT = _first("Default Parameters")
-ALPHA_BEST = ("R3", ("0.80", "0.20"))
-SHORT, LONG = ("R4", ("2m", "0.2m")), ("R4", ("3m", "0.5m"))
-FINE, COARSE = (("R5", (size, "Box Refinement")) for size in ("0.3 m", "0.5 m"))
-REFINED = tuple(("R6", ("refinement", f"{who} Parameters")) for who in ("Our Final", "Default"))
-POINTRCNN, FRUSTUM = ("R7", ("PointRCNN",)), ("R7", ("Frustum ConvNet",))
-CHOSEN = "no verdict: PointRCNN's setting was chosen on the frames that judge it"
-
-
-def _of_default(
-    text: str,
-    printed: str,
-    setting: str,
-    columns: tuple[str, ...],
-    says: Says,
-    where: str = "§3.2.2",
-) -> Sentence:
-    """A first stage of Frustum ConvNet against the default one."""
+def _sentence(row: Mapping[Hashable, str]) -> Sentence:
     return Sentence(
-        where=where,
-        text=f"Frustum ConvNet: {text}",
-        printed=printed,
-        row=_first(setting),
-        over=(DEFAULT,),
-        columns=columns,
-        says=says,
+        where=row["where"],
+        text=row["text"],
+        printed=row["printed"],
+        row=_place(row["row"]),
+        over=tuple(_place(text) for text in row["over"].split(" ; ")),
+        columns=COLUMNS.get(row["columns"]) or tuple(row["columns"].split()),
+        says=Says(row["says"]),
+        than=float(row["than"]),
+        chosen=row["chosen"],
     )
 
 
-OF_POINTRCNN = (
-    Sentence(
-        where="§3.1.1 i",
-        text="PointRCNN: recall of a batch of 32 above 16 and 64",
-        printed="at all 5 overlaps",
-        row=_batch("32"),
-        over=(_batch("16"), _batch("64")),
-        columns=RECALLS,
-        says=Says.LARGER,
-    ),
-    Sentence(
-        where="§3.1.1 i",
-        text="PointRCNN: recall of a batch of 64 as of 16",
-        printed="almost similar",
-        row=_batch("64"),
-        over=(_batch("16"),),
-        columns=RECALLS,
-        says=Says.ALIKE,
-    ),
-    Sentence(
-        where="§3.1.1 ii",
-        text="PointRCNN: recall of α = 0.80 above 0.75 and 0.85",
-        printed="the best values",
-        row=ALPHA_BEST,
-        over=(("R3", ("0.75", "0.25")), ("R3", ("0.85", "0.15"))),
-        columns=RECALLS,
-        says=Says.LARGER,
-    ),
-    Sentence(
-        where="§3.1.1 iii",
-        text="PointRCNN: recall of 2 m in bins of 0.2 m as of 3 m and 0.5 m, overlap up to 0.3",
-        printed="same",
-        row=SHORT,
-        over=(LONG,),
-        columns=LOW,
-        says=Says.ALIKE,
-    ),
-    Sentence(
-        where="§3.1.1 iii",
-        text="PointRCNN: recall of 2 m in bins of 0.2 m above 3 m and 0.5 m, overlap from 0.5",
-        printed="higher",
-        row=SHORT,
-        over=(LONG,),
-        columns=HIGH,
-        says=Says.LARGER,
-    ),
-    Sentence(
-        where="§3.1.1",
-        text="PointRCNN: refined boxes in bins of 0.3 m as of 0.5 m",
-        printed="no significant difference",
-        row=FINE,
-        over=(COARSE,),
-        columns=RECALLS,
-        says=Says.ALIKE,
-    ),
-    Sentence(
-        where="§3.1.1",
-        text="PointRCNN: proposals of the best first stage above the original's (a batch of 16)",
-        printed="overall increase",
-        row=SHORT,
-        over=(_batch("16"),),
-        columns=RECALLS,
-        says=Says.LARGER,
-    ),
-    Sentence(
-        where="§3.1.1",
-        text="PointRCNN: refined boxes no more than 3 % (0.035) below its authors' weights (ours: their loss)",
-        printed="2 to 3 percent",
-        row=FINE,
-        over=(("R1", ("Box Refinement",)),),
-        columns=RECALLS,
-        says=Says.LARGER,
-        than=-0.035,
-    ),
-)
-OF_FRUSTUM = (
-    Sentence(
-        where="§3.2.2 ii, Fig. 5",
-        text="Frustum ConvNet: slabs of 1 m alone above those of 0.5 m alone",
-        printed="better performance",
-        row=("R_figure_5", ("1",)),
-        over=(("R_figure_5", ("0.5",)),),
-        columns=LEVELS,
-        says=Says.LARGER,
-    ),
-    _of_default(
-        "a batch of 64", "a small drop", "Batch Size = 64", LEVELS, Says.SMALLER, "§3.2.2 i"
-    ),
-    _of_default("a batch of 8", "a huge drop", "Batch Size = 8", LEVELS, Says.SMALLER, "§3.2.2 i"),
-    Sentence(
-        where="§3.2.2 ii",
-        text="Frustum ConvNet: the default above both sets of larger slabs by more than 3 AP",
-        printed="3+ AP",
-        row=DEFAULT,
-        over=(_first("s and u_half = 1,2,4,8"), _first("s and u_half = 0.5,1,2,4")),
-        columns=LEVELS,
-        says=Says.LARGER,
-        than=3.0,
-    ),
-    _of_default("α = 0.2, medium", "+0.1", "Alpha = 0.2", (MEDIUM,), Says.LARGER, "§3.2.2 iii"),
-    _of_default(
-        "α = 0.2, easy and hard",
-        "marginal decrease",
-        "Alpha = 0.2",
-        (EASY, HARD),
-        Says.SMALLER,
-        "§3.2.2 iii",
-    ),
-    _of_default(
-        "α = 0.3, medium and hard", "+1 %", "Alpha = 0.3", (MEDIUM, HARD), Says.LARGER, "§3.2.2 iii"
-    ),
-    _of_default(
-        "heading weight 30, easy and medium",
-        "slight decrease",
-        "Head_REG Weight = 30",
-        (EASY, MEDIUM),
-        Says.SMALLER,
-        "§3.2.2 iv",
-    ),
-    _of_default(
-        "heading weight 30, hard",
-        "slight increase",
-        "Head_REG Weight = 30",
-        (HARD,),
-        Says.LARGER,
-        "§3.2.2 iv",
-    ),
-    _of_default(
-        "heading class times 1.5",
-        "marginal decrease",
-        "Heading_class loss multiplier = 1.5",
-        LEVELS,
-        Says.SMALLER,
-        "§3.2.2 iv",
-    ),
-    Sentence(
-        where="abstract, §3.2.2",
-        text="Frustum ConvNet: final parameters above the default after refinement, medium and hard",
-        printed="+6 AP hard",
-        row=REFINED[0],
-        over=(REFINED[1],),
-        columns=(MEDIUM, HARD),
-        says=Says.LARGER,
-    ),
-    Sentence(
-        where="abstract, §3.3",
-        text="Frustum ConvNet above PointRCNN, easy",
-        printed="by a good margin",
-        row=FRUSTUM,
-        over=(POINTRCNN,),
-        columns=(EASY,),
-        says=Says.LARGER,
-        chosen=CHOSEN,
-    ),
-    Sentence(
-        where="abstract, §3.3",
-        text="PointRCNN above Frustum ConvNet, medium and hard",
-        printed="better",
-        row=POINTRCNN,
-        over=(FRUSTUM,),
-        columns=(MEDIUM, HARD),
-        says=Says.LARGER,
-        chosen=CHOSEN,
-    ),
-)
+def _place(text: str) -> Place:
+    """``R4 | 2m | 0.2m`` -> ``("R4", ("2m", "0.2m"))``."""
+    number, *front = text.split(" | ")
+    return number, tuple(front)
