@@ -44,7 +44,8 @@ def test_dense_and_sparse_networks_are_compared_as_the_same_function(
 @pytest.mark.parametrize("name", WITHOUT)
 def test_what_bench_runs_ends_well(name: str) -> None:
     row = run(name, WITHOUT[name], seconds=300)
-    assert row is not None and row.startswith(f"| `{name}.py` |")
+    assert row is not None
+    assert row.startswith(f"| `{name}.py` |")
 
 
 TEXT = (
