@@ -34,6 +34,7 @@ WITHOUT = {
     "store": ["--trials", "200"],
     "scale": ["--trials", "1000", "2000"],
     "simulator": ["--quick"],
+    "start": [],
     "interval_coverage": ["--quick", "--only", "drives"],
 }
 WITH = {

@@ -43,6 +43,7 @@ from fl3d.detectors.blocks import scatter_dense
 from fl3d.inference.load import build_detector
 from fl3d.inference.precision import multiplying
 from fl3d.sparse.background import BackgroundMap, dense
+from fl3d.sparse.norms import Relu
 from fl3d.training.build import build_optimizer
 
 NETWORKS = {"voxelnet_middle": "voxelnet", "voxelnet": "voxelnet", "fcn3d": "fcn3d"}
@@ -208,13 +209,15 @@ def error(kitti: Path, network: str, size: str, frame: str) -> float:
 def normalise_in_two_passes(model: torch.nn.Module) -> None:
     """Give the 3D batch normalisations of a network in training their exact statistics."""
 
-    def forward(module: Any, x: Tensor) -> Tensor:
+    def forward(module: Any, x: Tensor, relu: Relu = "none") -> Tensor:
+        x = x.relu() if relu == "before" else x
         flat = x.movedim(1, 0).flatten(1)
         mean = flat.mean(1, keepdim=True)
         mean = mean + (flat - mean).mean(1, keepdim=True)
         low = flat - mean
         scale = torch.rsqrt((low * low).mean(1, keepdim=True) + module.eps) * module.weight[:, None]
-        return (low * scale + module.bias[:, None]).view(x.movedim(1, 0).shape).movedim(0, 1)
+        out = (low * scale + module.bias[:, None]).view(x.movedim(1, 0).shape).movedim(0, 1)
+        return out.relu() if relu == "behind" else out
 
     for module in model.modules():
         if isinstance(module, torch.nn.BatchNorm3d):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.all import BEGIN, END, HEAD, WITH, WITHOUT, read_rows, row_of, with_rows
-from benchmarks.networks import build, middle
+from benchmarks.all import BEGIN, END, HEAD, WITH, WITHOUT, read_rows, row_of, run, with_rows
+from benchmarks.networks import NETWORKS, build, error, middle
 from fl3d.data.kitti import KittiFolder
 from tests.conftest import ROOT
 
@@ -30,6 +30,22 @@ def test_the_middle_layers_take_as_many_frames_as_a_batch_has(
             return middle(model, voxels, batch)
 
     torch.testing.assert_close(features(0, 1), torch.cat([features(0), features(1)]))
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_dense_and_sparse_networks_are_compared_as_the_same_function(
+    network: str, simulated: Path
+) -> None:
+    frame = KittiFolder(simulated).split("train")[0]
+    assert error(simulated, network, "tiny", frame) < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WITHOUT)
+def test_what_bench_runs_ends_well(name: str) -> None:
+    row = run(name, WITHOUT[name], seconds=300)
+    assert row is not None
+    assert row.startswith(f"| `{name}.py` |")
 
 
 TEXT = (
