@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import NoReturn
 from urllib.parse import quote
 
+import mlflow
 import pytest
 import sqlalchemy as sa
 
 from fl3d.core.errors import StoreDown, StoreError, Unwritable
 from fl3d.store.base import RunStatus, Scored
-from fl3d.store.mlflow import connection
 from fl3d.store.mlflow.condition import damage
 from fl3d.store.mlflow.connection import GuardedClient, database_url, reading_url
 from fl3d.store.mlflow.tracking import MlflowStore
@@ -373,7 +373,7 @@ def test_a_start_that_is_killed_as_tables_are_made_leaves_no_database(
 ) -> None:
     """MLflow goes on from none that is half made."""
 
-    class Killed(connection.MlflowClient):
+    class Killed(mlflow.MlflowClient):
         def search_experiments(self, *_: object, **__: object) -> NoReturn:
             super().search_experiments()
             raise KeyboardInterrupt
@@ -381,7 +381,7 @@ def test_a_start_that_is_killed_as_tables_are_made_leaves_no_database(
     store = MlflowStore(tmp_path)
     assert store.file is not None
     with monkeypatch.context() as patch:
-        patch.setattr(connection, "MlflowClient", Killed)
+        patch.setattr(mlflow, "MlflowClient", Killed)
         with pytest.raises(KeyboardInterrupt):
             store.open()
     assert not store.file.exists()
