@@ -33,6 +33,7 @@ PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepali
 READ_OTHERWISE = re.compile(r"\?|%[0-9A-Fa-f]{2}")  # in a path that is part of a URL
 UNWRITABLE = ("database or disk is full", "attempt to write a readonly database")  # SQLite's
 CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
+Kinds = tuple[type[Exception], ...]
 PASSING = (
     "TEMPORARILY_UNAVAILABLE",
     "DEADLINE_EXCEEDED",
@@ -110,7 +111,7 @@ def outages(uri: str = "") -> Iterator[None]:
     try:
         with _damages(uri):
             yield
-    except (*CONNECTION_ERRORS, *_of_loaded("requests", "RequestException")) as error:
+    except _of_loaded("requests", "RequestException", CONNECTION_ERRORS) as error:
         _refuse_unwritable(error)
         raise StoreDown(_located(error, uri)) from error
     except _mlflows() as error:
@@ -122,14 +123,14 @@ def outages(uri: str = "") -> Iterator[None]:
         raise
 
 
-def _of_loaded(module: str, name: str) -> tuple[type[Exception], ...]:
-    """A library's kind of error; none where the library is not loaded, and so has raised none."""
+def _of_loaded(module: str, name: str, others: Kinds = ()) -> Kinds:
+    """Other kinds of errors and a library's; without it where that is not loaded, and so has raised none."""
     loaded = sys.modules.get(module)
-    return () if loaded is None else (getattr(loaded, name),)
+    return others if loaded is None else (*others, getattr(loaded, name))
 
 
-def _mlflows() -> tuple[type[Exception], ...]:
-    return _of_loaded("mlflow.exceptions", "MlflowException")
+def _mlflows(others: Kinds = ()) -> Kinds:
+    return _of_loaded("mlflow.exceptions", "MlflowException", others)
 
 
 def _refuse_unwritable(error: Exception) -> None:
@@ -182,7 +183,7 @@ def reading_url(uri: str) -> str:
 def _damages(uri: str) -> Iterator[None]:
     try:
         yield
-    except (sa.exc.SQLAlchemyError, pd.errors.DatabaseError, *_mlflows()) as error:
+    except _mlflows((sa.exc.SQLAlchemyError, pd.errors.DatabaseError)) as error:
         found = damage(error, uri)
         if found is None:
             raise
