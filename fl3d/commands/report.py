@@ -56,11 +56,11 @@ def is_usable(sweep: FinishedSweep) -> bool:
 
 
 def attach(sweep: FinishedSweep, page: Path) -> None:
-    """Put the page beside every trial in the store."""
+    """Put the page beside every trial in the store, where it does not lie there yet."""
     store = open_store(sweep.settings.store.root, sweep.settings.store.uri)
-    runs = sweep.runs()
+    runs = store.without(sweep.runs(store).values(), page, "results")
     if not runs:
         return
     store.open()
-    for run in sorted(set(runs.values())):
+    for run in runs:
         store.log_files(run, [page], "results")

@@ -243,6 +243,27 @@ class KittiFolder:
         calibration = self.read_calibration(frame_id)
         return size_without_picture(calibration, self.path("calib", frame_id))
 
+    def _size_by(self, known: dict[bytes, tuple[int, int]], frame_id: str) -> tuple[int, int]:
+        """``image_size``, where equal calibrations are looked at once.
+
+        Args:
+            known: sizes of frames without a picture by what their calibration's file holds; what is found is added.
+            frame_id: of the frame.
+
+        Raises:
+            DataError: see ``image_size``.
+        """
+        has_picture = find_picture(self.root / "training" / "image_2", frame_id) is not None
+        if has_picture or self.without_picture is not None or self.calibration != "frame":
+            return self.image_size(frame_id)
+        try:
+            content = self.path("calib", frame_id).read_bytes()
+        except OSError:
+            return self.image_size(frame_id)  # says what is wrong
+        if content not in known:
+            known[content] = self.image_size(frame_id)
+        return known[content]
+
     def image_digest(self, frame_ids: Iterable[str]) -> str | None:
         """Identity of what a 2D detector found in some frames; None where none was run."""
         if self.image_boxes is None:
@@ -267,8 +288,9 @@ class KittiFolder:
         if self.calibration == "axes":
             digest.update(b"axes ")
         kinds = self._kinds
+        known: dict[bytes, tuple[int, int]] = {}
         for frame_id in frame_ids:
-            digest.update(f"{frame_id} {self.image_size(frame_id)} ".encode())
+            digest.update(f"{frame_id} {self._size_by(known, frame_id)} ".encode())
             for kind in kinds:
                 content = read_bytes(self.path(kind, frame_id))
                 digest.update(f"{len(content)} ".encode() + content)

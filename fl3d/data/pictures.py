@@ -24,6 +24,8 @@ T = TypeVar("T")
 
 def find_picture(folder: Path, name: str) -> Path | None:
     """A frame's picture: the first that is there of ``.png``, ``.jpg`` and ``.jpeg``, in small letters or capitals."""
+    if not is_there(folder):
+        return None
     for ending in _ENDINGS:
         for spelled in (ending, ending.upper(), ending.capitalize()):
             path = folder / f"{name}.{spelled}"

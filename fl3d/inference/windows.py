@@ -60,10 +60,30 @@ def windows_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> Windows:
     """
     found = kept(
         folder.kept(step, "windows"),
-        _made_of(sweep, folder, step),
+        made_of(sweep, folder, step),
         lambda: _as_arrays(_run(sweep, [(folder, step)])[0]),
     )
     return Windows(found["positive"], found["negative"], int(found["frames"]))
+
+
+def positives_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> NDArray[np.float32]:
+    """Logits of a checkpoint's positive windows, (P,); the negatives, of which there are many more, stay unread.
+
+    Args:
+        sweep: see ``windows_of``.
+        folder: likewise.
+        step: likewise.
+
+    Raises:
+        CheckpointError: likewise.
+        DataError: likewise.
+    """
+    found = kept(
+        folder.kept(step, "positives"),
+        made_of(sweep, folder, step),
+        lambda: {"positive": windows_of(sweep, folder, step).positive},
+    )
+    return found["positive"]
 
 
 def make_windows(sweep: FinishedSweep, places: Sequence[Place]) -> None:
@@ -79,14 +99,14 @@ def make_windows(sweep: FinishedSweep, places: Sequence[Place]) -> None:
     """
     for (folder, step), found in zip(places, _run(sweep, places), strict=True):
         made = partial(_as_arrays, found)
-        kept(folder.kept(step, "windows"), _made_of(sweep, folder, step), made)
+        kept(folder.kept(step, "windows"), made_of(sweep, folder, step), made)
 
 
 def missing_windows(sweep: FinishedSweep, places: Sequence[Place]) -> list[list[Place]]:
     """Those of some checkpoints whose windows are not kept, by what their networks read of a frame."""
     groups: dict[str, list[Place]] = {}
     for folder, step in dict.fromkeys(places):
-        if not is_kept(folder.kept(step, "windows"), _made_of(sweep, folder, step)):
+        if not is_kept(folder.kept(step, "windows"), made_of(sweep, folder, step)):
             config = read_spec(folder).stage.config
             read = {key: config.get(key) for key in ("detector", "data", "precision")}
             read |= {"batch_size": config["schedule"]["batch_size"]}
@@ -99,8 +119,8 @@ def _as_arrays(found: Windows) -> Arrays:
     return {"positive": found.positive, "negative": found.negative, "frames": frames}
 
 
-def _made_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> Mapping[str, Any]:
-    """What decides them: the network and its weights, the frames, the code."""
+def made_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> Mapping[str, Any]:
+    """What decides a checkpoint's windows: the network and its weights, the frames, the code."""
     return {  # frames at once are the stage's
         "stage": folder.key,
         "weights": read_marker(folder, step).sha256,

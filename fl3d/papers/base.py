@@ -20,6 +20,8 @@ from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.plans import FrozenTrial
 
 Say = Callable[[str], None]
+# Where something of a name is kept, such as ``FinishedSweep.kept_as``; None: it is not.
+Place = Callable[[str], Path | None]
 
 
 class PaperTable(ABC):
@@ -104,7 +106,7 @@ class Paper:
     Args:
         name: of its folder.
         tables: that sweeps feed, in printed order.
-        still: tables that need no training, made now.
+        still: tables that need no training, made now, given where what takes long is kept.
         draw: figures of a sweep into a folder, given what finds the sweeps that feed a joint table with it; every file
             written. None: it has none.
         jobs: what its figures and claims need that takes long and can be made ahead, of the sweep at a place, see
@@ -115,7 +117,7 @@ class Paper:
 
     name: str
     tables: tuple[PaperTable, ...]
-    still: Callable[[], list[Table]] = list
+    still: Callable[[Place], list[Table]] = lambda _: []
     draw: Callable[[FinishedSweep, Path, Feeding], list[Path]] | None = None
     jobs: Callable[[int, FinishedSweep], Iterable[Job]] | None = None
     claims: Callable[[Sequence[Contributions]], Table | None] | None = None

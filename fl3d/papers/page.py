@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
+
+import numpy as np
 
 from fl3d.analysis.ahead import make_ahead
 from fl3d.analysis.contributions import Contributions
@@ -25,13 +29,24 @@ from fl3d.papers.tables import write_still_tables, write_tables
 from fl3d.papers.views import judge_or_say, write_views
 from fl3d.reports.figures.curves import best_of_k_figure
 from fl3d.reports.halves import halves_table
-from fl3d.reports.page import Section, folded, link, listing, page, paragraph, picture, preformatted
+from fl3d.reports.page import (
+    Section,
+    folded,
+    link,
+    listing,
+    made_small,
+    page,
+    paragraph,
+    picture,
+    preformatted,
+)
 from fl3d.reports.render import to_html
 from fl3d.reports.table import Table
 from fl3d.reports.verdicts import findings
 from fl3d.runs.checkpoints import read_marker
 from fl3d.runs.drawn import drawn
 from fl3d.runs.finished import FinishedSweep, levels_of
+from fl3d.runs.kept import Arrays, code_digest, kept
 from fl3d.runs.spec import read_spec
 
 CAPTIONS = {
@@ -97,7 +112,7 @@ def write_page(
     pngs = [path for path in pictures if path.suffix == ".png"]
     sections = [
         Section("Verdicts", tuple(found)),
-        Section("Figures", tuple(picture(path.read_bytes(), _caption(path)) for path in pngs)),
+        Section("Figures", tuple(_picture(main, path, _caption(path)) for path in pngs)),
         Section("Tables", tuple(tables)),
         Section("Claims of the papers", tuple(to_html(table) for table in claims)),
         Section("Last, best and honest best", (to_html(halves),)),
@@ -124,7 +139,7 @@ def _found(sweep: FinishedSweep, judged: Judged | None, question: str | None) ->
     levels = levels_of(sweep)
     forest = sweep.settings.results_folder / "figures" / f"forest_{sweep.name}.png"
     parts = [paragraph(question)] if question else []
-    parts += [picture(forest.read_bytes(), FOREST)] if forest.exists() else []
+    parts += [_picture(sweep, forest, FOREST)] if forest.exists() else []
     parts += [listing(findings(judged.verdicts, levels, judged.margin))]
     return [*parts, *(to_html(table) for table in tables_of_verdicts(judged, levels))]
 
@@ -152,6 +167,24 @@ def _halves(made: Contributions) -> tuple[Table, list[Path]]:
     path = sweep.settings.results_folder / "figures" / f"best_of_k_{sweep.name}"
     figure = partial(best_of_k_figure, best_of_k_checkpoints(sweep.scores), levels)
     return table, drawn(sweep.drawn_as, path, figure)
+
+
+def _picture(sweep: FinishedSweep, path: Path, caption: str) -> str:
+    """A picture on the page; made small once, which takes a fifth of a second, and kept."""
+    image = path.read_bytes()
+    keep = sweep.drawn_as(f"small-{path.stem}")
+    if keep is None:
+        return picture(image, caption)
+
+    def make() -> Arrays:
+        return {"webp": np.frombuffer(made_small(image), dtype=np.uint8)}
+
+    made_of = {
+        "image": hashlib.sha256(image).hexdigest(),
+        "code": code_digest("reports/page.py"),
+        "pillow": version("pillow"),
+    }
+    return picture(image, caption, kept(keep, made_of, make)["webp"].tobytes())
 
 
 def _caption(path: Path) -> str:

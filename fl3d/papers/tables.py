@@ -90,6 +90,10 @@ def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
 
 def write_still_tables(sweep: FinishedSweep) -> list[Table]:
     """Write the tables that need no training of the papers whose tables a sweep feeds; all of these."""
-    tables = [table for paper in papers_of(sweep.settings.sweep.tables) for table in paper.still()]
+    tables = [
+        table
+        for paper in papers_of(sweep.settings.sweep.tables)
+        for table in paper.still(sweep.kept_as)
+    ]
     write_tables(tables, sweep.settings.results_folder)
     return tables

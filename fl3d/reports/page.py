@@ -72,15 +72,16 @@ class Section:
         return "".join(c if c.isalnum() else "-" for c in self.title.lower())
 
 
-def picture(image: bytes, caption: str) -> str:
+def picture(image: bytes, caption: str, small: bytes | None = None) -> str:
     """A picture within the page, made small; every browser since 2020 shows WebP.
 
     Args:
         image: a PNG.
         caption: below it, and what is read out in its place.
+        small: the same as ``made_small`` makes it; None: it is made now.
     """
-    pixels = PngImageFile(io.BytesIO(image)).convert("RGB")
-    data = base64.b64encode(_small(pixels)).decode("ascii")
+    pixels = PngImageFile(io.BytesIO(image))
+    data = base64.b64encode(made_small(image) if small is None else small).decode("ascii")
     text = html.escape(caption)
     size = (
         f"width='{pixels.width}' height='{pixels.height}'"  # the page stands still while it loads
@@ -92,8 +93,9 @@ def picture(image: bytes, caption: str) -> str:
     )
 
 
-def _small(pixels: Image.Image) -> bytes:
-    """A drawing to the bit; what holds photographs nearly so, where that halves it."""
+def made_small(image: bytes) -> bytes:
+    """A PNG as WebP: a drawing to the bit; what holds photographs nearly so, where that halves it."""
+    pixels: Image.Image = PngImageFile(io.BytesIO(image)).convert("RGB")
     drawing, photograph = io.BytesIO(), io.BytesIO()
     pixels.save(drawing, "WEBP", lossless=True, quality=40, method=2)
     pixels.save(photograph, "WEBP", quality=85, method=2)

@@ -204,6 +204,10 @@ class FinishedSweep:
             return None
         return StoreFolder(self.settings.store.root).drawn(self.settings.experiment, name)
 
+    def kept_as(self, name: str) -> Path | None:
+        """Where something is kept that is made of no trial alone, see ``kept``; None where only its scores are here."""
+        return StoreFolder(self.settings.store.root).kept(name) if self.is_from_store else None
+
     def detections(self, trial: FinishedTrial, step: int | None = None) -> StoredDetections:
         """What a checkpoint of a trial predicted on the validation frames; None: its last one."""
         at = trial.last_step if step is None else step

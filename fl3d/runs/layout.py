@@ -216,7 +216,7 @@ class StoreFolder:
         return self.checks / f"{key}.json"
 
     def kept(self, name: str) -> Path:
-        """What was made of a sweep's frames once, see ``kept``."""
+        """What was made once of a sweep's frames, or of no trial at all, see ``kept``."""
         return self.root / "kept" / f"{name}.bin"
 
     def drawn(self, experiment: str, name: str) -> Path:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from fl3d.simulator import VERSION
 from fl3d.simulator.generate import Settings, picture_of
 
+MANIFEST = "manifest.json"  # of what a folder was simulated by
+
 
 def picture_again(folder: Path, frame_id: str) -> NDArray[np.uint8] | None:
     """The picture that the simulator would have written beside a frame.
@@ -23,7 +25,7 @@ def picture_again(folder: Path, frame_id: str) -> NDArray[np.uint8] | None:
         (H, W, 3); None where this version of the simulator has not written the folder.
     """
     try:
-        told = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        told = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         version = told.pop("simulator")
         settings = Settings(**told)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):

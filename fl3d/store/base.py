@@ -167,6 +167,16 @@ class Store(ABC):
     def log_files(self, run: str, files: Iterable[Path], folder: str) -> None:
         """Put files beside a run; those of the same name are overwritten."""
 
+    def without(self, runs: Iterable[str], file: Path, folder: str) -> list[str]:
+        """Those of some runs that a file is not known to lie beside with the content that it has now, in order.
+
+        Args:
+            runs: ids.
+            file: see ``log_files``.
+            folder: likewise.
+        """
+        return sorted(set(runs))
+
     @abstractmethod
     def set_tags(self, run: str, tags: Mapping[str, str]) -> None:
         """Set tags of a run."""

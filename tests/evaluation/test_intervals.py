@@ -167,6 +167,24 @@ def test_as_many_resamples_as_asked_for_lie_within_all_members_percentiles(share
     assert outside.mean() == pytest.approx(0.05, rel=0.03)
 
 
+def test_a_resample_is_as_rare_as_the_values_beyond_it_are_also_where_many_are_equal() -> None:
+    """Counted one by one, as the error of a family is defined."""
+    rng = np.random.default_rng(0)
+    whole = rng.poisson(0.4, (300, 12)).astype(float)  # zeros, and few values beyond
+    few = np.round(rng.normal(size=(300, 5)), 1)
+    for draws in (whole, few, np.hstack([whole, few])):
+        rarest = np.ones(len(draws))
+        for column in draws.T:
+            below = (column[None, :] <= column[:, None]).sum(1) / len(column)
+            above = 1 - (column[None, :] < column[:, None]).sum(1) / len(column)
+            rarest = np.minimum(rarest, 2 * np.minimum(below, above))
+        for alpha in (0.05, 0.3, 0.7):
+            expected = max(alpha / draws.shape[1], min(alpha, float(np.quantile(rarest, alpha))))
+            assert frames_alpha(draws, alpha) == expected
+    assert frames_alpha(whole, 0.3) < 0.3  # neither end decides
+    assert frames_alpha(whole, 0.3) > 0.3 / 12
+
+
 def test_members_that_do_not_move_cost_nothing() -> None:
     one = normals(1, 0.0)
     assert frames_alpha(np.hstack([one, np.zeros_like(one)]), 0.05) == pytest.approx(0.05, rel=1e-3)

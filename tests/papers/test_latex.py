@@ -29,7 +29,7 @@ def test_latex_compiles_and_nothing_is_too_wide(tmp_path: Path) -> None:
         for view in [made.beside(table)]
         if view
     ]
-    tables += still_tables()
+    tables += still_tables(lambda _: None)
     levels = Levels("alpha, beta", ["alpha=0.5, beta=5", "alpha=1, beta=10"], "alpha=0.5, beta=5")
     tables.append(
         levels_table(tidy_scores(levels.labels), "VoxelNet", levels, "any_name-voxelnet", "R40")

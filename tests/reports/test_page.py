@@ -12,7 +12,17 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fl3d.reports.page import Section, folded, link, listing, page, paragraph, picture, preformatted
+from fl3d.reports.page import (
+    Section,
+    folded,
+    link,
+    listing,
+    made_small,
+    page,
+    paragraph,
+    picture,
+    preformatted,
+)
 from fl3d.reports.render import to_html
 from fl3d.reports.table import APS, Cell, Column, Table
 
@@ -81,6 +91,10 @@ def test_a_drawing_is_shown_to_the_bit_and_a_photograph_nearly_and_small() -> No
     assert not np.array_equal(seen, photograph)
     assert np.abs(seen.astype(int) - photograph).mean() < 5
     assert len(picture(png(photograph), "")) < len(png(photograph))
+
+
+def test_a_picture_that_was_made_small_before_is_the_same() -> None:
+    assert picture(DOT, "a dot", made_small(DOT)) == picture(DOT, "a dot")
 
 
 def test_a_picture_keeps_its_place_while_the_page_loads() -> None:

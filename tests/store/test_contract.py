@@ -199,6 +199,17 @@ def test_files_of_one_name_are_overwritten(store: Store, tmp_path: Path) -> None
     assert Inside(store).files(run, "tables") == ["table.md"]
 
 
+def test_runs_without_a_file_are_told(store: Store, tmp_path: Path) -> None:
+    """Those that have it may be told too, where a store does not know; those that lack it always are."""
+    run, other = (run_of(store, "without", trial) for trial in ("a", "b"))
+    file = tmp_path / "page.html"
+    file.write_text("one")
+    store.log_files(run, [file], "results")
+    assert other in store.without([run, other], file, "results")
+    file.write_text("two")
+    assert store.without([other, run, run], file, "results") == sorted([run, other])
+
+
 def test_a_dataset_is_linked_once(store: Store, tmp_path: Path) -> None:
     run = run_of(store, "data")
     for _ in range(2):

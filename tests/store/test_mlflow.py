@@ -5,16 +5,18 @@ import json
 import os
 import shutil
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 from typing import NoReturn
 from urllib.parse import quote
 
+import mlflow
 import pytest
 import sqlalchemy as sa
 
 from fl3d.core.errors import StoreDown, StoreError, Unwritable
 from fl3d.store.base import RunStatus, Scored
-from fl3d.store.mlflow import connection
 from fl3d.store.mlflow.condition import damage
 from fl3d.store.mlflow.connection import GuardedClient, database_url, reading_url
 from fl3d.store.mlflow.tracking import MlflowStore
@@ -373,7 +375,7 @@ def test_a_start_that_is_killed_as_tables_are_made_leaves_no_database(
 ) -> None:
     """MLflow goes on from none that is half made."""
 
-    class Killed(connection.MlflowClient):
+    class Killed(mlflow.MlflowClient):
         def search_experiments(self, *_: object, **__: object) -> NoReturn:
             super().search_experiments()
             raise KeyboardInterrupt
@@ -381,7 +383,7 @@ def test_a_start_that_is_killed_as_tables_are_made_leaves_no_database(
     store = MlflowStore(tmp_path)
     assert store.file is not None
     with monkeypatch.context() as patch:
-        patch.setattr(connection, "MlflowClient", Killed)
+        patch.setattr(mlflow, "MlflowClient", Killed)
         with pytest.raises(KeyboardInterrupt):
             store.open()
     assert not store.file.exists()
@@ -404,3 +406,55 @@ def test_a_database_that_was_left_in_the_making_is_told_with_the_way_out(tmp_pat
 def test_a_store_in_memory_is_refused(tmp_path: Path, uri: str) -> None:
     with pytest.raises(StoreError, match=r"^store\.uri: .*(is no store|is in memory)"):
         MlflowStore(tmp_path, uri)
+
+
+def test_a_file_that_lies_beside_a_run_as_it_is_now_is_known(tmp_path: Path) -> None:
+    store = MlflowStore(tmp_path / "runs")
+    store.open()
+    _, run = run_of(store, "ü page")  # a letter that a URI escapes, and a blank
+    page = tmp_path / "page.html"
+    page.write_text("one")
+    assert store.without([run], page, "results") == [run]
+    store.log_files(run, [page], "results")
+    assert store.without([run], page, "results") == []
+    assert store.without([run], page, "elsewhere") == [run]
+    page.write_text("two")  # as long
+    assert store.without([run], page, "results") == [run]
+
+
+def test_a_file_beside_a_run_of_the_store_that_this_was_copied_from_does_not_count(
+    tmp_path: Path,
+) -> None:
+    """Until the copy is opened, its database says where the files of the first lie."""
+    store = MlflowStore(tmp_path / "runs")
+    store.open()
+    _, run = run_of(store, "copied")
+    page = tmp_path / "page.html"
+    page.write_text("one")
+    store.log_files(run, [page], "results")
+    shutil.copytree(store.root, tmp_path / "copy")
+    copy = MlflowStore(tmp_path / "copy")
+    assert copy.without([run], page, "results") == [run]
+    copy.open()
+    assert copy.without([run], page, "results") == []
+
+
+def test_scores_of_a_database_are_read_without_mlflow(tmp_path: Path) -> None:
+    """It takes seconds to load, and a report that is made again logs nothing."""
+    store = MlflowStore(tmp_path)
+    store.open()
+    _, run = run_of(store, "light")
+    store.log(run, Scored(1, 0, APS))
+    page = tmp_path / "page.html"
+    page.write_text("one")
+    store.log_files(run, [page], "")
+    lines = (
+        "import sys, pathlib",
+        "from fl3d.store.opening import open_store",
+        f"root = pathlib.Path({str(tmp_path)!r})",
+        "store = open_store(root)",
+        "assert store.read('light')['ap_3d/moderate'].tolist() == [50.0]",
+        f"assert store.without([{run!r}], root / 'page.html', '') == []",
+        "assert 'mlflow' not in sys.modules",
+    )
+    subprocess.run([sys.executable, "-c", "\n".join(lines)], check=True, timeout=60)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fl3d.analysis.contributions import Contributions
-from fl3d.inference.windows import Windows, windows_of
+from fl3d.inference.windows import Place, made_of, positives_of, windows_of
 from fl3d.papers.base import with_values
 from fl3d.papers.claim import Claim, claims_table
 from fl3d.papers.focal_loss.best_model_claims import best_claim, step_claims
@@ -41,6 +45,8 @@ from fl3d.papers.focal_loss.tables import (
 )
 from fl3d.reports.table import Table
 from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.kept import Arrays, code_digest, kept
+from fl3d.runs.layout import RunFolder
 
 NOTES = (
     "What ours are is said below each table; 3D-FCN and VoxelNet at full size where windows and layers count.",
@@ -109,33 +115,54 @@ def _loss_terms(over_gamma: FinishedSweep | None, forms: FinishedSweep | None) -
 def _half_of_loss(sweep: FinishedSweep) -> Claim:
     """Of every seed of 3D-FCN's best focal model."""
     gamma, models = _best_focal(sweep, "3D-FCN")
-    shares = [
-        (hardest_share(one.positive, 0.0), hardest_share(one.positive, gamma)) for one in models
-    ]
+    every = [positives_of(sweep, *one) for one in models]
+    shares = [(hardest_share(one, 0.0), hardest_share(one, gamma)) for one in every]
     return half_claim(gamma, shares)
 
 
 def _carried(sweep: FinishedSweep, detector: str) -> list[Carried]:
     """Of every seed of a detector's best focal model."""
-    return [carried(one.positive, one.negative) for one in _best_focal(sweep, detector)[1]]
+    return [_carried_by(sweep, *one) for one in _best_focal(sweep, detector)[1]]
 
 
-def _best_focal(sweep: FinishedSweep, detector: str) -> tuple[float, Iterator[Windows]]:
-    """Gamma of a detector's best focal model, and the windows of each of its seeds; none where there is none.
+def _carried_by(sweep: FinishedSweep, folder: RunFolder, step: int) -> Carried:
+    """Of one checkpoint; kept, for its windows are many."""
+
+    def make() -> Arrays:
+        windows = windows_of(sweep, folder, step)
+        values = asdict(carried(windows.positive, windows.negative))
+        return {name: np.array(value) for name, value in values.items()}
+
+    whole = {**made_of(sweep, folder, step), "by": code_digest("papers/focal_loss")}
+    found = kept(folder.kept(step, "carried"), whole, make)
+    return Carried(
+        hardest=_pair(found["hardest"]),
+        few=float(found["few"]),
+        apart=float(found["apart"]),
+        moved=_pair(found["moved"]),
+    )
+
+
+def _pair(values: NDArray[np.float64]) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
+def _best_focal(sweep: FinishedSweep, detector: str) -> tuple[float, list[Place]]:
+    """Gamma of a detector's best focal model, and the checkpoint of each of its seeds; none where there is none.
 
     It is the best of the last stage, which the focal loss trained.
     """
     pairs = best_pairs(sweep, BEST_OWN_MODELS)
     pairs = pairs[(pairs["detector"] == detector) & (pairs["gamma"] > 0)] if len(pairs) else pairs
     if pairs.empty:
-        return 0.0, iter(())
+        return 0.0, []
     gamma = float(pairs.iloc[0]["gamma"])
     chosen = with_values(sweep, sweep.select(BEST_OWN_MODELS.rule), {"gamma": GAMMA})
     chosen = chosen[(chosen["detector"] == detector) & (chosen["gamma"].astype(float) == gamma)]
-    return gamma, (
-        windows_of(sweep, sweep.trial(str(key)).holder(int(step)), int(step))
+    return gamma, [
+        (sweep.trial(str(key)).holder(int(step)), int(step))
         for key, step in zip(chosen["trial"], chosen["step"], strict=True)
-    )
+    ]
 
 
 def _peaks(sweep: FinishedSweep) -> list[Claim]:

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from fl3d.analysis.ahead import Job, window_jobs
 from fl3d.analysis.contributions import Contributions
-from fl3d.config.compose import compose_config
 from fl3d.core.errors import StoreError
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.inference.load import build_detector
-from fl3d.inference.windows import Place, windows_of
+from fl3d.inference.windows import Place, positives_of, windows_of
 from fl3d.papers.base import Feeding, with_values
 from fl3d.papers.focal_loss.best_models import BEST_OWN_MODELS, best_pairs
+from fl3d.papers.focal_loss.full_size import full_size
 from fl3d.papers.focal_loss.tables import GAMMA, LAST_TABLES, gamma_of, is_over_gamma
 from fl3d.papers.focal_loss.window_figures import (
     BOXES,
@@ -41,7 +41,7 @@ from fl3d.runs.layout import StoreFolder
 from fl3d.runs.spec import read_spec
 from fl3d.runs.trials import FinishedTrial
 
-FULL_GRID = ("detector=fcn3d", "profile=paper")
+FULL_GRID = "fcn3d"
 COUNTED = 1000  # training frames over which positives by height are counted
 OF_LAST_STAGE = "Best models of the last stage, of the first seed of training that each γ has."
 CAPTIONS = {
@@ -134,7 +134,7 @@ def posteriors_of(
     made = Contributions(sweep)
     for trial in sweep.trials:
         boxes = made.posteriors(trial)
-        logits = windows_of(sweep, trial.folder, trial.last_step).positive.astype(np.float64)
+        logits = positives_of(sweep, trial.folder, trial.last_step).astype(np.float64)
         yield trial, BOXES, boxes.boxes
         yield trial, HITS, boxes.hits
         yield trial, WINDOWS, 1 / (1 + np.exp(-logits))
@@ -194,7 +194,7 @@ def _heights(sweep: FinishedSweep) -> pd.DataFrame:
 
 
 def _full_grid() -> FCN3D:
-    detector = build_detector(compose_config(FULL_GRID))
+    detector = build_detector(full_size(FULL_GRID))
     if not isinstance(detector, FCN3D):
         raise StoreError("conf/detector/fcn3d.yaml no longer builds 3D-FCN")
     return detector
@@ -210,7 +210,7 @@ def _counted(sweep: FinishedSweep) -> tuple[Path, dict[str, Any]]:
     return StoreFolder(sweep.settings.store.root).kept("positives_by_height"), {
         "frames": sweep.kitti().digest(_counted_ids(sweep)),
         "read": spec.stage.config["data"],
-        "detector": compose_config(FULL_GRID)["detector"],
+        "detector": full_size(FULL_GRID)["detector"],
         "code": code_digest("geometry", "data", "detectors"),
     }
 

@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from itertools import accumulate, groupby
 from math import prod
 
 from torch import nn
 
-from fl3d.config.compose import compose_config
 from fl3d.detectors.base import Detector
 from fl3d.detectors.flops import LayerWork, layer_works
 from fl3d.inference.load import build_detector
+from fl3d.papers.base import Place
+from fl3d.papers.focal_loss.full_size import full_size
 from fl3d.papers.focal_loss.published_cells import ARXIV, published_table
 from fl3d.reports.table import Cell, Column, Table
+from fl3d.runs.drawn import plain
+from fl3d.runs.kept import code_digest
+from fl3d.runs.kept_tables import kept_table
 
 DETECTORS = {"VI": "fcn3d", "VII": "voxelnet"}
 BLOCKS = {
@@ -31,8 +36,19 @@ CAPTIONS = {"VI": "Layers of 3D-FCN and their work", "VII": "Layers of VoxelNet 
 TOLERANCE = 0.06  # GFLOP: what one printed decimal may hide
 
 
-def still_tables() -> list[Table]:
-    """Tables I, VI and VII, that need no training: traits, layers and work of the networks."""
+# What decides layers and work: the networks, and how they are built and counted.
+CODE = (
+    *("core", "geometry", "data", "losses.py", "sparse", "points", "detectors", "config"),
+    *("inference/load.py", "papers/focal_loss/layers.py"),
+)
+
+
+def still_tables(place: Place) -> list[Table]:
+    """Tables I, VI and VII, that need no training: traits, layers and work of the networks.
+
+    Args:
+        place: see ``Paper``; what torch says of the networks is kept, for to load what it counts with takes seconds.
+    """
     columns = (
         Column("property", ""),
         Column("image", "Image-based"),
@@ -45,8 +61,16 @@ def still_tables() -> list[Table]:
     caption = "The two detectors beside image-based ones, as the paper describes them"
     tables = [Table("I", caption, columns, rows, title="Table I.")]
     for number, name in DETECTORS.items():
-        config = compose_config([f"detector={name}", "profile=paper"])
-        tables.append(layer_table(number, partial(build_detector, config)))
+        config = full_size(name)
+        made_of = {
+            "table": number,
+            "configs": {key: config[key] for key in ("detector", "loss", "classes")},
+            "printed": [plain(published_table(n)) for n in (number, ARXIV.get(number)) if n],
+            "code": code_digest(*CODE),
+            "torch": version("torch"),
+        }
+        make = partial(layer_table, number, partial(build_detector, config))
+        tables.append(kept_table(place(f"table_{number}"), made_of, make))
     return tables
 
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from torch import nn
 
-from fl3d.config.compose import compose_config
 from fl3d.data.voxels import occupancy
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.detectors.voxelnet import VoxelNet
 from fl3d.inference.load import build_detector
 from fl3d.papers.claim import Claim
+from fl3d.papers.focal_loss.full_size import full_size
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.kept import Arrays, code_digest, kept
 from fl3d.runs.layout import StoreFolder
@@ -80,7 +80,7 @@ def _counts(sweep: FinishedSweep) -> Arrays:
     kitti = sweep.kitti()
     spec = read_spec(sweep.trials[0].folder)
     ids = spec.machine.train_ids[:LOOKED_AT]
-    configs = [compose_config([f"detector={d}", "profile=paper"]) for d in ("fcn3d", "voxelnet")]
+    configs = [full_size(d) for d in ("fcn3d", "voxelnet")]
 
     def make() -> Arrays:
         fcn, voxelnet = (build_detector(config) for config in configs)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import mlflow
 import sqlalchemy as sa
 
 from fl3d.core.errors import StoreError
@@ -14,7 +13,7 @@ from fl3d.core.errors import StoreError
 DAMAGED = ("file is not a database", "database disk image is malformed")
 # What it says of one that lacks what MLflow made, or was left half made: OperationalErrors, though they do not pass.
 INCOMPLETE = ("no such table", "no such column", "table _alembic_tmp")
-REVISIONS = Path(mlflow.__file__).parent / "store" / "db_migrations" / "versions"
+REVISIONS = Path("store") / "db_migrations" / "versions"  # below MLflow's own folder
 AWAY = "move it away (with its -wal and -shm, if any)"
 AGAIN = "every score lies in the run folders too: the sweep's command logs them into a new one, and nothing is trained"
 
@@ -70,8 +69,11 @@ def damage(error: BaseException, uri: str) -> StoreError | None:
 
 def other_version(connection: sa.Connection, uri: str) -> StoreError:
     """What to say where MLflow refuses the version of its database."""
+    import mlflow
+
     found = _revision(connection)
-    is_known = found is not None and any(REVISIONS.glob(f"{found}_*.py"))
+    revisions = Path(mlflow.__file__).parent / REVISIONS
+    is_known = found is not None and any(revisions.glob(f"{found}_*.py"))
     if is_known:
         way = (
             f"copy it, then: python -m mlflow db upgrade '{uri if 'sqlite' in uri else shown(uri)}'"

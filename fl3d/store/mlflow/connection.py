@@ -6,10 +6,11 @@ import contextlib
 import importlib.util
 import os
 import re
+import sys
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 # A server that is down shall be found out in seconds; who waits for it decides when to try again.
@@ -19,19 +20,20 @@ os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 os.environ.setdefault("DO_NOT_TRACK", "true")
 
 import pandas as pd
-import requests
 import sqlalchemy as sa
-from mlflow import MlflowClient
-from mlflow.exceptions import MlflowException
 
 from fl3d.core.errors import StoreDown, StoreError
 from fl3d.core.extras import install
 from fl3d.store.mlflow.condition import damage, shown
 
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
 PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepalives_count=3&tcp_user_timeout=20000"
 READ_OTHERWISE = re.compile(r"\?|%[0-9A-Fa-f]{2}")  # in a path that is part of a URL
 UNWRITABLE = ("database or disk is full", "attempt to write a readonly database")  # SQLite's
 CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
+Kinds = tuple[type[Exception], ...]
 PASSING = (
     "TEMPORARILY_UNAVAILABLE",
     "DEADLINE_EXCEEDED",
@@ -109,21 +111,26 @@ def outages(uri: str = "") -> Iterator[None]:
     try:
         with _damages(uri):
             yield
-    except (*CONNECTION_ERRORS, requests.RequestException) as error:
+    except _of_loaded("requests", "RequestException", CONNECTION_ERRORS) as error:
         _refuse_unwritable(error)
         raise StoreDown(_located(error, uri)) from error
-    except MlflowException as error:
+    except _mlflows() as error:
         _refuse_unwritable(error)
-        unreachable = (
-            str(error).startswith("API request to ") and error.error_code == "INTERNAL_ERROR"
-        )
-        if (
-            error.error_code in PASSING
-            or unreachable
-            or isinstance(error.__cause__, CONNECTION_ERRORS)
-        ):
+        code = getattr(error, "error_code", "")
+        unreachable = str(error).startswith("API request to ") and code == "INTERNAL_ERROR"
+        if code in PASSING or unreachable or isinstance(error.__cause__, CONNECTION_ERRORS):
             raise StoreDown(_located(error, uri)) from error
         raise
+
+
+def _of_loaded(module: str, name: str, others: Kinds = ()) -> Kinds:
+    """Other kinds of errors and a library's; without it where that is not loaded, and so has raised none."""
+    loaded = sys.modules.get(module)
+    return others if loaded is None else (*others, getattr(loaded, name))
+
+
+def _mlflows(others: Kinds = ()) -> Kinds:
+    return _of_loaded("mlflow.exceptions", "MlflowException", others)
 
 
 def _refuse_unwritable(error: Exception) -> None:
@@ -152,6 +159,8 @@ def make_whole(file: Path) -> None:
     if file.exists() and file.stat().st_size:
         return
     aside = file.with_name(f".{file.name}.{uuid.uuid4().hex}.tmp")
+    from mlflow import MlflowClient
+
     MlflowClient(f"sqlite:///{aside}").search_experiments(max_results=1)
     aside.replace(file)
 
@@ -174,7 +183,7 @@ def reading_url(uri: str) -> str:
 def _damages(uri: str) -> Iterator[None]:
     try:
         yield
-    except (sa.exc.SQLAlchemyError, pd.errors.DatabaseError, MlflowException) as error:
+    except _mlflows((sa.exc.SQLAlchemyError, pd.errors.DatabaseError)) as error:
         found = damage(error, uri)
         if found is None:
             raise

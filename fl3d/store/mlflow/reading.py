@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import pandas as pd
 import sqlalchemy as sa
@@ -13,6 +15,24 @@ from fl3d.store.base import is_score
 from fl3d.store.mlflow.connection import reading_url
 
 SERVER_CALLS = 8  # at once
+
+
+def artifact_places(uri: str, runs: Sequence[str]) -> dict[str, Path]:
+    """Folders of artifacts by run, from MLflow's database; of those that lie in this machine's files.
+
+    Args:
+        uri: of the database.
+        runs: ids.
+    """
+    engine = sa.create_engine(reading_url(uri))
+    query = f"SELECT run_uuid, artifact_uri FROM runs WHERE run_uuid IN ({_among(runs)})"
+    try:
+        with engine.connect() as connection:
+            found = connection.execute(sa.text(query)).fetchall()
+    finally:
+        engine.dispose()
+    parts = {str(run): urlsplit(place or "") for run, place in found}
+    return {run: Path(unquote(one.path)) for run, one in parts.items() if one.scheme == "file"}
 
 
 def read_database(

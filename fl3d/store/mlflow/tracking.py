@@ -3,6 +3,8 @@
 MLflow appends metrics and never overwrites them. A score carries the time its checkpoint was made, so a score that
 is logged again is the same row, and the store keeps it once. A store that cannot be reached raises ``StoreDown``;
 every call may be made again.
+
+What only reads a database does without MLflow, which takes seconds to load; so it is loaded where it is called.
 """
 
 from __future__ import annotations
@@ -13,9 +15,17 @@ import logging
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from fl3d.store.mlflow.connection import (  # before MLflow: it sets its environment
+import pandas as pd
+import sqlalchemy as sa
+
+from fl3d.core.errors import StoreError, Unwritable
+from fl3d.core.files import check_writable
+from fl3d.core.leases import leased
+from fl3d.store.base import CURVE, CURVES, STANDING, RunStatus, Scored, Store
+from fl3d.store.mlflow.condition import check_owner, other_version
+from fl3d.store.mlflow.connection import (  # sets MLflow's environment, which is loaded later
     GuardedClient,
     check_driver,
     database_url,
@@ -23,25 +33,13 @@ from fl3d.store.mlflow.connection import (  # before MLflow: it sets its environ
     make_whole,
     outages,
 )
-
-# isort: split
-import mlflow
-import pandas as pd
-import sqlalchemy as sa
-from alembic.util.exc import CommandError
-from mlflow import MlflowClient
-from mlflow.entities import Dataset, DatasetInput, InputTag, LoggedModel, Metric, Param, RunTag
-from mlflow.exceptions import MlflowException
-
-from fl3d.core.errors import StoreError, Unwritable
-from fl3d.core.files import check_writable
-from fl3d.core.leases import leased
-from fl3d.store.base import CURVE, CURVES, STANDING, RunStatus, Scored, Store
-from fl3d.store.mlflow.condition import check_owner, other_version
 from fl3d.store.mlflow.moved import ARTIFACTS, artifact_location, mend_locations
-from fl3d.store.mlflow.reading import read_database, read_server
+from fl3d.store.mlflow.reading import artifact_places, read_database, read_server
 from fl3d.store.mlflow.view import TAG as VIEW_TAG
 from fl3d.store.mlflow.view import link, tag_value
+
+if TYPE_CHECKING:
+    from mlflow.entities import LoggedModel
 
 PARAMS_BATCH = 100  # MLflow takes no more parameters in one request
 TRIAL_TAG = "fl3d.trial"
@@ -116,6 +114,11 @@ class MlflowStore(Store):
             Unwritable: it is a file in a folder that cannot be written.
             StoreError: it is damaged, another program's, or of another version of MLflow.
         """
+        import mlflow
+        from alembic.util.exc import CommandError
+        from mlflow import MlflowClient
+        from mlflow.exceptions import MlflowException
+
         check_driver(self.uri)
         if self.file is not None:
             check_writable(self.file.parent)
@@ -174,6 +177,8 @@ class MlflowStore(Store):
             yield None
 
     def experiment(self, name: str, note: str) -> str:
+        from mlflow.exceptions import MlflowException
+
         found = self.client.get_experiment_by_name(name)
         if found is None:
             location = None if self.is_server else artifact_location(self.root, name)
@@ -216,6 +221,8 @@ class MlflowStore(Store):
         tags: Mapping[str, str],
         params: Mapping[str, object],
     ) -> str:
+        from mlflow.entities import Param
+
         identity = {TRIAL_TAG: trial, PROTOCOL_TAG: protocol, STORE_TAG: self.id}
         query = " and ".join(f"tags.`{key}` = '{value}'" for key, value in identity.items())
         found = self.client.search_runs([experiment], query, max_results=1)
@@ -244,6 +251,8 @@ class MlflowStore(Store):
         dataset: tuple[str | None, str | None] = (None, None),
     ) -> None:
         """Log one checkpoint's metrics in one transaction, for the run and, if given, for a logged model."""
+        from mlflow.entities import Metric
+
         metrics = [
             Metric(key, value, scored.time_ms, scored.step, model, *dataset)
             for key, value in scored.values.items()
@@ -254,6 +263,8 @@ class MlflowStore(Store):
         return {m.step for m in self.client.get_metric_history(run, "ap_3d/moderate")}
 
     def link_dataset(self, run: str, name: str, digest: str, root: Path) -> None:
+        from mlflow.entities import Dataset, DatasetInput, InputTag
+
         if self.client.get_run(run).inputs.dataset_inputs:
             return
         dataset = Dataset(name, digest, "local", json.dumps({"uri": root.absolute().as_uri()}))
@@ -306,6 +317,21 @@ class MlflowStore(Store):
             for file in files:
                 self.client.log_artifact(run, str(file), folder)
 
+    def without(self, runs: Iterable[str], file: Path, folder: str) -> list[str]:
+        wanted = sorted(set(runs))
+        if self.file is None or not self.exists:
+            return wanted
+        with outages(self.uri):
+            places = artifact_places(self.uri, wanted)
+        own = self.root / ARTIFACTS
+        there = {run: place / folder / file.name for run, place in places.items()}
+        content = file.read_bytes()
+        return [
+            run
+            for run in wanted
+            if run not in there or not (own in there[run].parents and _holds(there[run], content))
+        ]
+
     def _check_readable(self) -> None:
         """Refuse a file that this user may not read, by its name.
 
@@ -335,6 +361,8 @@ class MlflowStore(Store):
             raise Unwritable(error.errno, error.strerror, str(place)) from error
 
     def set_tags(self, run: str, tags: Mapping[str, str]) -> None:
+        from mlflow.entities import RunTag
+
         every = [RunTag(key, value) for key, value in _renamed(tags).items()]
         self.client.log_batch(run, tags=every, synchronous=True)
 
@@ -361,6 +389,13 @@ class MlflowStore(Store):
                     return pd.DataFrame()
                 found = read_server(self.client, experiment.experiment_id, tag, columns)
         return found.rename(columns=COLUMNS)
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    try:
+        return path.stat().st_size == len(content) and path.read_bytes() == content
+    except OSError:  # a file that cannot be looked at is written again, which says what is wrong
+        return False
 
 
 def _renamed(tags: Mapping[str, str]) -> dict[str, str]:
