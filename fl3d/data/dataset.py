@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fl3d.core.errors import ConfigError, DataError
 from fl3d.core.typed import Whole
 from fl3d.data.classes import CARS, class_of
-from fl3d.data.kitti import Frame, KittiFolder
+from fl3d.data.kitti import Frame, KittiFolder, Stamp
 from fl3d.data.label_parser import kitti_spelling
 from fl3d.data.labels import check_sizes
 from fl3d.geometry.boxes import count_points_inside
@@ -94,29 +94,51 @@ class TargetRule:
 class Frames:
     """The frames of one split, read on demand and kept in memory up to a limit.
 
+    What is kept is the process's, so that stages that follow one another on the same frames read them once.
+
     Args:
         folder: where they lie.
         ids: which, in the split's order.
-        cache: how many cropped frames stay in memory (a real one takes about 300 kB).
+        cache: how many cropped frames the process keeps (a real one takes about 300 kB); 0: it neither keeps any nor
+            looks at those it has.
     """
 
     def __init__(self, folder: KittiFolder, ids: Sequence[str], cache: int) -> None:
         self.folder = folder
         self.ids = tuple(ids)
         self._cache_size = cache
-        self._cache: dict[str, Frame] = {}
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def __getitem__(self, index: int) -> Frame:
-        frame_id = self.ids[index]
-        frame = self._cache.get(frame_id)
-        if frame is None:
-            frame = self.folder.frame(frame_id)
-            if len(self._cache) < self._cache_size:
-                self._cache[frame_id] = frame
+        if self._cache_size == 0:
+            return self.folder.frame(self.ids[index])
+        return _kept.frame(self.folder, self.ids[index], self._cache_size)
+
+
+class _Kept:
+    """Frames that this process keeps, of one folder as it is read; each as long as its files are what they were."""
+
+    def __init__(self) -> None:
+        self._reading: object = None
+        self._frames: dict[str, tuple[Stamp, Frame]] = {}
+
+    def frame(self, folder: KittiFolder, frame_id: str, limit: int) -> Frame:
+        """A frame, kept or read."""
+        if folder.reading != self._reading:
+            self._reading, self._frames = folder.reading, {}
+        stamp = folder.stamp(frame_id)
+        of, frame = self._frames.get(frame_id, (None, None))
+        if frame is not None and of == stamp:
+            return folder.with_found(frame)
+        frame = folder.frame(frame_id)
+        if frame_id in self._frames or len(self._frames) < limit:
+            self._frames[frame_id] = stamp, frame
         return frame
+
+
+_kept = _Kept()
 
 
 def frames_with(folder: KittiFolder, ids: Sequence[str], types: Sequence[str]) -> list[str]:

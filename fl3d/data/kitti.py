@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -32,7 +32,11 @@ __all__ = ["IMAGE_SIZE", "SPLIT_SIZES", "Frame", "KittiFolder"]
 SPLIT_SIZES = {"train": 3712, "val": 3769, "trainval": 7481, "sample_train": 22, "sample_val": 10}
 CROPS = ("image", "none")
 CALIBRATIONS = ("frame", "mean", "axes")
+_KINDS = ("velodyne", "label_2", "calib", "image_2")  # a frame's files
 _CLOUD_SAMPLE = 4096  # bytes at either end of a cloud that enter the digest
+
+
+Stamp = tuple[tuple[str, int, int] | None, ...]  # of files: name, time of the last change, size
 
 
 @dataclass(frozen=True)
@@ -173,17 +177,26 @@ class KittiFolder:
         points = self.read_cloud(frame_id).points_velo
         if self.crop == "image":
             points = points[calibration.in_image(points, size)]
-        found, types = self._found.of(frame_id) if self._found.is_there else (None, None)
-        return Frame(
-            frame_id,
-            points,
-            calibration,
-            self.read_labels(frame_id),
-            size,
-            found,
-            self.path("label_2", frame_id),
-            types,
+        labels, label_file = self.read_labels(frame_id), self.path("label_2", frame_id)
+        return self.with_found(
+            Frame(frame_id, points, calibration, labels, size, label_file=label_file)
         )
+
+    def with_found(self, frame: Frame) -> Frame:
+        """A frame with what a 2D detector found in it of this folder's classes, or with nothing where none was run."""
+        boxes, types = self._found.of(frame.id) if self._found.is_there else (None, None)
+        if boxes is frame.image_boxes:
+            return frame
+        return replace(frame, image_boxes=boxes, image_types=types)
+
+    @property
+    def reading(self) -> tuple[object, ...]:
+        """What a frame is read by, besides its files: frames of folders that are alike in it are the same."""
+        return self.root, self.crop, self.calibration, self.cloud, self.without_picture
+
+    def stamp(self, frame_id: str) -> Stamp:
+        """Tells whether any of a frame's files has been changed since; None of a file that is not there."""
+        return tuple(_stamp(self.path(kind, frame_id)) for kind in _KINDS)
 
     @property
     def image_boxes(self) -> ImageBoxes | None:
@@ -292,3 +305,11 @@ def _ends(cloud: Path) -> tuple[int, bytes]:
             return size, first + file.read(_CLOUD_SAMPLE)
     except OSError as error:
         raise unreadable(cloud, error) from None
+
+
+def _stamp(path: Path) -> tuple[str, int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return path.name, found.st_mtime_ns, found.st_size

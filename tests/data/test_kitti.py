@@ -211,11 +211,58 @@ def test_the_digest_knows_content_not_place(simulated: Path, tmp_path: Path) -> 
     assert KittiFolder(copy).digest(ids) != KittiFolder(simulated).digest(ids)
 
 
-def test_frames_are_cached_up_to_the_limit(simulated: Path) -> None:
-    folder = KittiFolder(simulated)
+def test_frames_are_kept_up_to_the_limit(simulated: Path, tmp_path: Path) -> None:
+    folder = KittiFolder(shutil.copytree(simulated, tmp_path / "copy"))
     frames = Frames(folder, folder.split("train"), cache=1)
     assert frames[0] is frames[0]
     assert frames[1] is not frames[1]
+    none = Frames(folder, folder.split("train"), cache=0)
+    assert none[0] is not none[0]
+
+
+def test_stages_that_follow_one_another_read_a_frame_once(simulated: Path, tmp_path: Path) -> None:
+    root = shutil.copytree(simulated, tmp_path / "copy")
+    ids = KittiFolder(root).split("train")
+    first = Frames(KittiFolder(root), ids, cache=10)[1]
+    again = Frames(KittiFolder(root), ids[1:], cache=10)[0]
+    assert again.points_velo is first.points_velo
+    uncropped = Frames(KittiFolder(root, crop="none"), ids, cache=10)[1]
+    assert len(uncropped.points_velo) > len(first.points_velo)
+
+
+def test_a_kept_frame_is_read_anew_where_any_of_its_files_has_changed(
+    simulated: Path, tmp_path: Path
+) -> None:
+    root = shutil.copytree(simulated, tmp_path / "copy")
+    folder = KittiFolder(root)
+    frames = Frames(folder, folder.split("train")[:1], cache=10)
+    before = frames[0]
+    label = folder.path("label_2", before.id)
+    label.write_text(label.read_text() + LINE)
+    assert len(frames[0].labels.types) == len(before.labels.types) + 1
+    cloud = folder.path("velodyne", before.id)
+    cloud.write_bytes(cloud.read_bytes()[: 16 * 100])
+    assert len(frames[0].points_velo) <= 100 < len(before.points_velo)
+
+
+def test_a_kept_frame_has_the_boxes_of_the_classes_that_are_asked_for(
+    simulated: Path, tmp_path: Path
+) -> None:
+    """Boxes of a 2D detector are read by class, clouds are not."""
+    root = shutil.copytree(simulated, tmp_path / "copy")
+    ids = KittiFolder(root).split("train")[:1]
+    found = root / "rgb_detections"
+    found.mkdir(exist_ok=True)
+    lines = [f"image_2/{ids[0]}.png {kind} 0.9 10 10 50 60\n" for kind in (1, 2, 2)]
+    (found / "rgb_detection_train.txt").write_text("".join(lines))
+    cars = Frames(KittiFolder(root), ids, cache=10)[0]
+    people = Frames(KittiFolder(root, classes=("Pedestrian",)), ids, cache=10)[0]
+    assert cars.points_velo is people.points_velo
+    for frame, n, kind in ((cars, 2, "Car"), (people, 1, "Pedestrian")):
+        assert frame.image_boxes is not None
+        assert len(frame.image_boxes) == n
+        assert frame.image_types is not None
+        assert set(frame.image_types) == {kind}
 
 
 def test_every_epoch_has_its_own_order_and_each_pass_every_frame() -> None:
