@@ -1,6 +1,7 @@
 """Windows of several checkpoints, and of several frames at once, are those of each alone."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +11,12 @@ from fl3d.config.compose import compose_config
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.base import Detector
+from fl3d.inference import windows
 from fl3d.inference.load import build_detector
-from fl3d.inference.windows import collect_windows
+from fl3d.inference.windows import Windows, collect_windows, positives_of
+from fl3d.papers.focal_loss import claims
+from fl3d.papers.focal_loss.concentration_claims import carried
+from fl3d.runs.layout import RunFolder
 
 
 def network(seed: int, name: str = "voxelnet") -> Detector:
@@ -54,3 +59,49 @@ def test_negatives_are_sampled_of_each_batch_as_many_as_its_frames_may_have(
     frames = Frames(folder, folder.split("train")[:3], 0)
     (found,) = collect_windows([network(0)], frames, batch_size=2, most_negative=300)
     assert len(found.negative) == 300
+
+
+def test_positives_are_kept_by_themselves_and_made_again_of_other_weights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs: list[str] = []
+    weights = ["a"]
+    negative = np.zeros(5, np.float32)
+
+    def run(*_: object) -> list[Windows]:
+        runs.append(weights[0])
+        positive = np.array([1.5, 2.5], np.float32) * (1 if weights == ["a"] else 2)
+        return [Windows(positive, negative, 3)]
+
+    monkeypatch.setattr(windows, "_run", run)
+    monkeypatch.setattr(windows, "made_of", lambda *_: {"weights": weights[0]})
+    sweep: Any = None
+    folder = RunFolder(tmp_path / "stages" / "key")
+    for _ in range(2):
+        assert positives_of(sweep, folder, 8).tolist() == [1.5, 2.5]
+    assert runs == ["a"]
+    folder.kept(8, "windows").unlink()  # what is not read is not missed
+    assert positives_of(sweep, folder, 8).tolist() == [1.5, 2.5]
+    weights[0] = "b"
+    assert positives_of(sweep, folder, 8).tolist() == [3.0, 5.0]
+    assert runs == ["a", "b"]
+
+
+def test_who_carries_the_loss_is_kept_as_it_was_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(0)
+    own = Windows(*(rng.normal(size=(2, 40)).astype(np.float32)), 3)
+    asked: list[int] = []
+
+    def found(*_: object) -> Windows:
+        asked.append(1)
+        return own
+
+    monkeypatch.setattr(claims, "windows_of", found)
+    monkeypatch.setattr(claims, "made_of", lambda *_: {"weights": "a"})
+    sweep: Any = None
+    folder = RunFolder(tmp_path / "stages" / "key")
+    first, again = (claims._carried_by(sweep, folder, 8) for _ in range(2))
+    assert first == again == carried(own.positive, own.negative)
+    assert asked == [1]
