@@ -249,6 +249,7 @@ def test_each_box_brings_the_2d_box_it_came_of(
     folder = KittiFolder(simulated)
     frames = Frames(folder, folder.split("val"), 10)
     rng = np.random.default_rng(2)
+    drawn_on: list[Frame] = []
     for index in range(
         len(frames)
     ):  # six boxes of different sizes about points of each frame; none in the second
@@ -259,7 +260,8 @@ def test_each_box_brings_the_2d_box_it_came_of(
         pixels, _ = one.calibration.points_to_image(one.calibration.points_to_cam(chosen))
         half = rng.uniform(20, 40, pixels.shape)
         drawn = np.column_stack([pixels - half, pixels + half, rng.uniform(0.1, 0.9, len(half))])
-        frames._cache[one.id] = replace(one, image_boxes=drawn, image_types=None)
+        drawn_on.append(replace(one, image_boxes=drawn, image_types=None))
+    monkeypatch.setattr(Frames, "__getitem__", lambda _, index: drawn_on[index])
     found = detect_frames(detector, frames, 300, 0.0, batch_size=batch_size)
     assert len(found.of(1)[0]) == 0
     assert len(found.scores) >= 9
