@@ -258,17 +258,17 @@ def test_the_wheel_runs_a_sweep_in_an_empty_folder(tmp_path: Path) -> None:
     assert "simulated-quick" in empty.does("tables")  # of the scores that fl3d publishes
     made = {path.name for path in empty.folder.iterdir()}
     assert made == {"runs", "data", "out"}
-    ui = subprocess.Popen(
+    with subprocess.Popen(
         [str(empty.bin / "fl3d"), "ui", "--port", "5917"],
         cwd=empty.folder,
         env=empty.environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-    )
-    assert ui.stdout is not None
-    first = ui.stdout.readline()
-    ui.send_signal(signal.SIGTERM)
-    assert "5917" in first, first
-    assert ui.wait(60) in (0, 143)
+    ) as ui:
+        assert ui.stdout is not None
+        first = ui.stdout.readline()
+        ui.send_signal(signal.SIGTERM)
+        assert "5917" in first, first
+        assert ui.wait(60) in (0, 143)
     shutil.rmtree(tmp_path / "venv")
