@@ -12,31 +12,23 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-import sqlalchemy as sa
 
-from fl3d.core.errors import StoreError, Unwritable
-from fl3d.core.files import check_writable
-from fl3d.core.leases import leased
-from fl3d.store.base import CURVE, CURVES, STANDING, RunStatus, Scored, Store
-from fl3d.store.mlflow.condition import check_owner, other_version
+from fl3d.core.errors import Unwritable
+from fl3d.store.base import RunStatus, Scored, Store
+from fl3d.store.mlflow.address import Address
+from fl3d.store.mlflow.condition import other_version
 from fl3d.store.mlflow.connection import (  # sets MLflow's environment, which is loaded later
     GuardedClient,
-    check_driver,
-    database_url,
-    file_url,
-    make_whole,
     outages,
 )
-from fl3d.store.mlflow.moved import ARTIFACTS, artifact_location, mend_locations
+from fl3d.store.mlflow.experiments import open_experiment, set_views
+from fl3d.store.mlflow.moved import ARTIFACTS, artifact_location
 from fl3d.store.mlflow.reading import artifact_places, read_database, read_server
-from fl3d.store.mlflow.view import TAG as VIEW_TAG
-from fl3d.store.mlflow.view import link, tag_value
 
 if TYPE_CHECKING:
     from mlflow.entities import LoggedModel
@@ -55,9 +47,6 @@ STATUSES = {
     RunStatus.FAILED: "FAILED",
     RunStatus.STOPPED: "KILLED",
 }
-IN_MEMORY = re.compile(r"^sqlite:/*($|\?)|:memory:|mode=memory")  # as SQLAlchemy and SQLite tell it
-POSSIBLE = "sqlite:///FILE, postgresql://USER@HOST/NAME, http://HOST:PORT (an MLflow server)"
-SCHEMA_LOCK = 0x666C3364  # of PostgreSQL, while MLflow makes its tables
 
 
 class MlflowStore(Store):
@@ -73,38 +62,28 @@ class MlflowStore(Store):
     """
 
     def __init__(self, root: Path, uri: str | None = None) -> None:
-        self.root = root.absolute()
-        self.uri = database_url(uri or file_url(self.root))
-        if not self.uri.startswith(("sqlite:///", "postgresql", "http://", "https://")):
-            raise StoreError(f"store.uri: '{self.uri}' is no store. Possible: {POSSIBLE}")
-        if self._is_file and IN_MEMORY.search(self.uri):
-            raise StoreError(
-                f"store.uri: '{self.uri}' is in memory, and gone when fl3d ends. Possible: {POSSIBLE}"
-            )
+        self.address = Address(root, uri)
+        self.root, self.uri = self.address.root, self.address.uri
 
     @property
     def exists(self) -> bool:
         """Whether the default store has been made; a named one is taken to exist."""
-        return self.file is None or self.file.exists()
+        return self.address.exists
 
     @property
     def file(self) -> Path | None:
         """The database, where it is a file."""
-        return Path(self.uri.removeprefix("sqlite:///")).absolute() if self._is_file else None
-
-    @property
-    def _is_file(self) -> bool:
-        return self.uri.startswith("sqlite:")
+        return self.address.file
 
     @property
     def is_for_one_machine(self) -> bool:
         """SQLite's journal lies in one machine's memory: two that write to it over a shared folder destroy it."""
-        return self._is_file
+        return self.address.is_file
 
     @property
     def is_server(self) -> bool:
         """Whether it is an MLflow server."""
-        return self.uri.startswith("http")
+        return self.address.is_server
 
     def open(self) -> None:
         """Make the store if need be, and a client of it; several processes may do so at once.
@@ -119,15 +98,12 @@ class MlflowStore(Store):
         from mlflow import MlflowClient
         from mlflow.exceptions import MlflowException
 
-        check_driver(self.uri)
-        if self.file is not None:
-            check_writable(self.file.parent)
-        logging.getLogger("mlflow.store.db.utils").setLevel(
-            logging.CRITICAL
-        )  # tracebacks of what is raised anyway
+        self.address.check()
+        log = logging.getLogger("mlflow.store.db.utils")
+        log.setLevel(logging.CRITICAL)  # tracebacks of what is raised anyway
         mlflow.set_tracking_uri(self.uri)
         self.client: Any = GuardedClient(MlflowClient)
-        with outages(self.uri), self._alone() as connection:
+        with outages(self.uri), self.address.alone() as connection:
             try:
                 self.client.connect(self.uri)
             except (MlflowException, CommandError) as error:
@@ -135,82 +111,15 @@ class MlflowStore(Store):
                 if connection is None or not is_version:
                     raise
                 raise other_version(connection, self.uri) from error
-            self._mend()
-
-    def _mend(self) -> None:
-        """Let MLflow find the artifacts of a root that was moved; a server keeps its own."""
-        if self.is_server:
-            return
-        is_own = self.file is not None and self.file.parent == self.root
-        engine = sa.create_engine(self.uri)
-        try:
-            with engine.connect() as connection:
-                mend_locations(connection, self.root, is_own)
-        finally:
-            engine.dispose()
-
-    @contextlib.contextmanager
-    def _alone(self) -> Iterator[sa.Connection | None]:
-        """One process at a time: several that make MLflow's tables together destroy a SQLite store.
-
-        Yields:
-            a connection to its database; None of a server.
-        """
-        if self.uri.startswith("postgresql"):
-            # The lock is the session's: a pool would keep both.
-            with sa.create_engine(self.uri, poolclass=sa.NullPool).connect() as connection:
-                connection.execute(sa.text(f"SELECT pg_advisory_lock({SCHEMA_LOCK})"))
-                check_owner(connection, self.uri)
-                yield connection
-        elif self.file is not None:
-            with (
-                leased(self.file.with_name(f".{self.file.name}.lease")),
-                contextlib.ExitStack() as stack,
-            ):
-                make_whole(self.file)
-                connection = stack.enter_context(sa.create_engine(self.uri).connect())
-                check_owner(connection, self.uri)
-                connection.commit()  # a reader's lock would keep the mode from changing
-                connection.execute(sa.text("PRAGMA journal_mode=WAL"))
-                yield connection
-        else:
-            yield None
+            self.address.mend()
 
     def experiment(self, name: str, note: str) -> str:
-        from mlflow.exceptions import MlflowException
-
-        found = self.client.get_experiment_by_name(name)
-        if found is None:
-            location = None if self.is_server else artifact_location(self.root, name)
-            try:
-                return str(
-                    self.client.create_experiment(name, location, {"mlflow.note.content": note})
-                )
-            except MlflowException as error:
-                found = self.client.get_experiment_by_name(name)
-                if (
-                    found is None or error.error_code != "RESOURCE_ALREADY_EXISTS"
-                ):  # made by another just now
-                    raise
-        if found.lifecycle_stage == "deleted":
-            self.client.restore_experiment(found.experiment_id)
-        self.client.set_experiment_tag(found.experiment_id, "mlflow.note.content", note)
-        return str(found.experiment_id)
+        location = None if self.is_server else artifact_location(self.root, name)
+        return open_experiment(self.client, name, note, location)
 
     def views(self) -> dict[str, str]:
         """Name and link, from the UI's root, of each experiment, each with a view of what matters."""
-        found = [one for one in self.client.search_experiments() if one.name != "Default"]
-        for one in found:
-            newest = self.client.search_runs([one.experiment_id], max_results=1)
-            # Runs of fl3d 0.1 have neither.
-            has_standing = all(STANDING in run.data.tags for run in newest)
-            has_curves = all(CURVE + CURVES[0] in run.data.metrics for run in newest)
-            view = tag_value(has_standing, has_curves)
-            self.client.set_experiment_tag(one.experiment_id, VIEW_TAG, view)
-        return {
-            one.name: link(one.experiment_id)
-            for one in sorted(found, key=lambda one: str(one.name))
-        }
+        return set_views(self.client)
 
     def run(
         self,
@@ -332,19 +241,6 @@ class MlflowStore(Store):
             if run not in there or not (own in there[run].parents and _holds(there[run], content))
         ]
 
-    def _check_readable(self) -> None:
-        """Refuse a file that this user may not read, by its name.
-
-        Raises:
-            StoreError: it cannot be read.
-        """
-        if self.file is None:
-            return
-        try:
-            self.file.open("rb").close()
-        except OSError as error:
-            raise StoreError(f"{self.file}: cannot be read ({error.strerror})") from None
-
     @contextlib.contextmanager
     def _copying(self) -> Iterator[None]:
         """Say where files could not be put, which the system's own error often does not.
@@ -376,7 +272,7 @@ class MlflowStore(Store):
     def read(self, experiment_name: str) -> pd.DataFrame:
         if not self.exists:
             return pd.DataFrame()
-        self._check_readable()
+        self.address.check_readable()
         tag = (STORE_TAG, self.id)
         columns = [column for column in COLUMNS if column.startswith("tags.")]
         with outages(self.uri):

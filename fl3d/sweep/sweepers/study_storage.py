@@ -14,8 +14,8 @@ from optuna.storages import BaseStorage, RDBStorage
 from fl3d.core.errors import StoreError
 from fl3d.core.leases import leased
 from fl3d.runs.layout import StoreFolder
+from fl3d.store.mlflow.address import Address
 from fl3d.store.mlflow.connection import database_url
-from fl3d.store.mlflow.tracking import MlflowStore
 from fl3d.sweep.sweepers.journal import open_journal
 
 WHERE = "hydra.sweeper.storage"
@@ -44,7 +44,7 @@ def open_storage(
     if url is None:
         with experimental():
             return open_journal(StoreFolder(root.absolute()).study(name), say)
-    if database_url(url) == MlflowStore(root, store_uri).uri:
+    if database_url(url) == Address(root, store_uri).uri:
         raise StoreError(f"{WHERE}: {url} is MLflow's database; Optuna needs one of its own")
     return _open_database(url)
 
