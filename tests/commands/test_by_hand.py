@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fl3d.api.words import open_words, or_gamma, read_words
+from fl3d.api.words import open_words, or_gamma, read_words, sweeps_of
 from fl3d.commands import tables, why
 from fl3d.config.compose import compose_config, multirun
 from fl3d.config.detector_names import spell_out_detectors
@@ -111,11 +111,11 @@ def test_seeds_alone_leave_other_seeds_out_of_every_sweep(started: list[str]) ->
     where = [
         word for word in started if word.startswith(("profile", "store", "results", "data.root"))
     ]
-    found = tables.sweeps_of([*where, "seed=0,1"])
+    found = sweeps_of([*where, "seed=0,1"])
     assert len(found) == 2
     assert all({trial.seed for trial in sweep.trials} == {0} for sweep in found)
     with pytest.raises(StoreError, match="run here with any of these seeds"):
-        tables.sweeps_of([*where, "seed=7"])
+        sweeps_of([*where, "seed=7"])
 
 
 @pytest.mark.slow
