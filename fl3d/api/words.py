@@ -15,7 +15,8 @@ from fl3d.config.settings import BY_HAND, Settings, read_settings
 from fl3d.core.errors import StoreError
 from fl3d.papers.stored import place_words, stored_sweeps
 from fl3d.runs.asked import Asked, asked_for
-from fl3d.runs.by_hand import find_by_hand, has_by_hand, names_by_hand, told
+from fl3d.runs.by_hand import find_by_hand, has_by_hand, names_by_hand
+from fl3d.runs.by_hand_names import told
 from fl3d.runs.design import SEED
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.opening import is_stored, open_sweep

@@ -46,7 +46,7 @@ def run(arguments: list[str]) -> None:
         from fl3d.api.training import report
         from fl3d.config.compose import compose_config
         from fl3d.config.settings import BY_HAND, read_settings
-        from fl3d.runs.by_hand import sweep_name
+        from fl3d.runs.by_hand_names import sweep_name
         from fl3d.sweep.imported import Import, find_results, keep, read_list
         from fl3d.sweep.launchers.inline import InlineLauncher
         from fl3d.sweep.prepare import prepare_data

@@ -13,7 +13,8 @@ from fl3d.config.compose import compose_config, multirun
 from fl3d.config.detector_names import spell_out_detectors
 from fl3d.config.settings import read_settings
 from fl3d.core.errors import ConfigError, StoreError
-from fl3d.runs.by_hand import find_by_hand, sweep_name
+from fl3d.runs.by_hand import find_by_hand
+from fl3d.runs.by_hand_names import sweep_name
 from fl3d.runs.plans import read_plan, write_plan
 from fl3d.store.opening import open_store
 from fl3d.sweep.by_hand import name_trial, named
@@ -232,6 +233,23 @@ def test_other_sweeps_have_other_names_and_more_seeds_the_same() -> None:
         ["loss.gamma=0,1", "detector=voxelnet", "sweep.baseline=1"],
     )
     assert len({name, *(sweep_name(other) for other in others)}) == 6
+
+
+@pytest.mark.parametrize("group", ["detector", "data", "sweep"])
+def test_yamls_of_one_name_in_two_folders_make_two_names(
+    group: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What they say counts, and not where they lie or how they are commented."""
+    words = ["loss.gamma=0,1", f"{'+' * (group == 'sweep')}{group}=mine", "hydra/launcher=mine"]
+    names = []
+    for number, text in enumerate(("a: 1\n", "a: 2\n", "# as it was\na: 1\n")):
+        for place in (group, "hydra/launcher"):
+            file = tmp_path / str(number) / place / "mine.yaml"
+            file.parent.mkdir(parents=True)
+            file.write_text(text if place == group else str(number))
+        monkeypatch.setattr("fl3d.config.places._OWN", [tmp_path / str(number)])
+        names.append(sweep_name(words))
+    assert names[0] == names[2] != names[1]
 
 
 def test_levels_behind_the_baseline_may_stand_in_any_order() -> None:
