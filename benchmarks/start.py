@@ -48,6 +48,8 @@ def main() -> None:
             "import numba": ["-c", "import numba"],
             "fl3d --help": [*fl3d, "--help"],
             "fl3d evaluate --help": [*fl3d, "evaluate", "--help"],
+            "fl3d gains --help": [*fl3d, "gains", "--help"],
+            "fl3d report --help": [*fl3d, "report", "--help"],
             f"fl3d evaluate, {FRAMES} frames": [*fl3d, "evaluate", labels, results],
         }
         found = {name: cpu_seconds(words) for name, words in commands.items()}

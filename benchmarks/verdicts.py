@@ -23,7 +23,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmarks.told import tell
-from fl3d.analysis.samples import AVERAGES, CELLS, Resampled, paired
+from fl3d.analysis import AVERAGES
+from fl3d.analysis.samples import CELLS, Resampled, paired
 from fl3d.analysis.verdicts import verdicts
 from fl3d.config.settings import SweepSettings
 from fl3d.core.records import Trial

@@ -86,9 +86,7 @@ def _run(typed: list[str]) -> None:
         rest = _with_detectors(_with_seeds(name, rest))
         with uncollected():
             command = importlib.import_module(f"fl3d.commands.{name}")
-        if name != TRAIN:  # Hydra loads more
-            interrupts.loaded()
-        command.run(rest)
+        command.run(rest)  # which loads what it computes with
     except Fl3dError as error:
         raise ended(f"fl3d: {error}", FAILED if isinstance(error, FAILURES) else MISTAKE) from None
     except ModuleNotFoundError as error:

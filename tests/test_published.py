@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from fl3d.api.publishing import by_folder, read_sweeps
 from fl3d.api.words import read_words
-from fl3d.commands.publish import SWEEPS, by_folder, read_sweeps, words_of
 from fl3d.config.compose import CONF
 from fl3d.config.objects import build
 from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import read_settings
+from fl3d.papers.published import SWEEPS, words_of
 from fl3d.papers.stamp import read_stamp
 from fl3d.runs.plans import read_plan
 from fl3d.simulator import VERSION

@@ -330,3 +330,11 @@ def test_every_command_is_a_file_of_its_name() -> None:
     for command in (*COMMANDS, TRAIN):
         body = MODULES[f"fl3d.commands.{command}"].body
         assert "run" in {node.name for node in body if isinstance(node, ast.FunctionDef)}, command
+
+
+def test_every_command_loads_what_it_computes_with_when_its_words_are_read() -> None:
+    """Hydra's own command, which reads configs to know its words, says itself when it has loaded all."""
+    from fl3d.cli import COMMANDS
+
+    for command in COMMANDS:
+        assert "loading" in set(called(MODULES[f"fl3d.commands.{command}"])), command

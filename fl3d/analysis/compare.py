@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fl3d.analysis import MARGIN
+from fl3d.analysis import AVERAGES, MARGIN
 from fl3d.analysis.comparable import PRIMARY, comparable_classes, notes_on, primary_view
 from fl3d.analysis.gains import is_one_step
 from fl3d.analysis.result_folders import Held
 from fl3d.analysis.samples import (
-    AVERAGES,
     CELLS,
     Float,
     interval_columns,

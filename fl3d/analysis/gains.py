@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fl3d.analysis import AVERAGES
 from fl3d.analysis.samples import (
-    AVERAGES,
     CELLS,
     Comparisons,
     Resampled,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.analysis import AVERAGES
 from fl3d.data.classes import CARS
 from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.bootstrap import resampled_aps, unit_weights, widened
@@ -15,7 +16,6 @@ from fl3d.evaluation.intervals import Interval, Sample, lasting_share
 from fl3d.evaluation.protocol import DIFFICULTIES, METRICS
 from fl3d.runs.finished import FinishedSweep
 
-AVERAGES = ("R11", "R40")
 CELLS = tuple((metric, difficulty) for metric in METRICS for difficulty in DIFFICULTIES)
 # Group, then level, then seed.
 Comparisons = dict[str, dict[str, dict[int, Comparison]]]

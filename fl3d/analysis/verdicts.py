@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from fl3d.analysis.samples import AVERAGES, CELLS, Samples, interval_columns, paired
+from fl3d.analysis import AVERAGES
+from fl3d.analysis.samples import CELLS, Samples, interval_columns, paired
 from fl3d.config.settings import SweepSettings
 from fl3d.evaluation.intervals import (
     ALPHA,

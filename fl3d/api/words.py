@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 from fl3d.config.compose import Multirun, multirun
 from fl3d.config.hydra_app import for_hydra
@@ -12,9 +13,10 @@ from fl3d.config.overrides import is_interval, values_by_key
 from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import BY_HAND, Settings, read_settings
 from fl3d.core.errors import StoreError
-from fl3d.papers.stored import place_words
-from fl3d.runs.asked import Asked
-from fl3d.runs.by_hand import find_by_hand, has_by_hand, told
+from fl3d.papers.stored import place_words, stored_sweeps
+from fl3d.runs.asked import Asked, asked_for
+from fl3d.runs.by_hand import find_by_hand, has_by_hand, names_by_hand
+from fl3d.runs.by_hand_names import told
 from fl3d.runs.design import SEED
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.opening import is_stored, open_sweep
@@ -104,3 +106,38 @@ def names_sweep(overrides: Sequence[str]) -> bool:
     return any(
         word.startswith(("+sweep=", "sweep=", "sweep.name=", "++sweep")) for word in overrides
     )
+
+
+def sweeps_of(words: Sequence[str]) -> list[FinishedSweep]:
+    """The sweep that words mean, or every one that was run on their data and profile.
+
+    Raises:
+        StoreError: there is none.
+    """
+    places = place_words(words)
+    seeds = [word for word in words if word.partition("=")[0] == SEED]
+    if names_sweep(words) or len(places) + len(seeds) < len(words):
+        return [open_words(read_words(words))]
+    settings = read_words(words).settings
+    found = stored_sweeps(places, PUBLISHED)
+    for name in names_by_hand(settings):
+        with suppress(StoreError):  # none of its trials is done
+            found.append(open_words(read_words([*places, f"sweep.name={name}"])))
+    if seeds:
+        wanted = values_by_key(seeds)[SEED]
+        found = [chosen for sweep in found if (chosen := _of_seeds(sweep, wanted)).trials]
+    if not found:
+        raise StoreError(
+            f"{settings.store.root}: no sweep of {settings.folder_name} was run here"
+            f"{' with any of these seeds' if seeds else ''}, and there are no scores of one; "
+            "python -m fl3d -m +sweep=gamma, or give the words of a sweep of your own (sweep.name=...)"
+        )
+    return found
+
+
+def _of_seeds(sweep: FinishedSweep, wanted: Sequence[int]) -> FinishedSweep:
+    """A sweep's trials of those of some seeds that it has."""
+    seeds = {trial.seed for trial in sweep.trials}.intersection(wanted)
+    if not seeds:
+        return replace(sweep, trials=())
+    return asked_for(sweep, {SEED: sorted(seeds)})

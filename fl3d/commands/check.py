@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from fl3d.commands.parsing import parser
 from fl3d.core.errors import ConfigError
+from fl3d.core.loading import loading
 from fl3d.inspection import MOST_CLOUDS
 
 if TYPE_CHECKING:
@@ -36,10 +37,10 @@ def run(arguments: list[str]) -> None:
     and draws one frame, so that an axis that is wrong is seen.
     """
     given = _options().parse_intermixed_args(arguments)
-    # Late: --help loads nothing that computes.
-    from tqdm import tqdm
+    with loading():
+        from tqdm import tqdm
 
-    from fl3d.api.inspection import check
+        from fl3d.api.inspection import check
 
     folder, words = _folder(given.words)
     most = _most_clouds(given.clouds)

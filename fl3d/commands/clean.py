@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from fl3d.api.words import read_words
 from fl3d.commands.parsing import parser
-from fl3d.runs.cleaning import clean
+from fl3d.core.loading import loading
 
 
 def run(arguments: list[str]) -> None:
@@ -26,5 +25,9 @@ def run(arguments: list[str]) -> None:
     )
     options.add_argument("--yes", action="store_true", help="delete them")
     given = options.parse_intermixed_args(arguments)
+    with loading():
+        from fl3d.api.words import read_words
+        from fl3d.runs.cleaning import clean
+
     store = read_words(given.overrides).settings.store
     clean(store.root, store.keep_every, delete=given.yes, orphans=given.orphans)

@@ -11,6 +11,7 @@ from pathlib import Path
 from fl3d.analysis import MARGIN
 from fl3d.commands.parsing import parser, protocol_names
 from fl3d.core.errors import ConfigError, Fl3dError
+from fl3d.core.loading import loading
 from fl3d.evaluation import MISSING
 
 FAILED = 2  # exit code of a mistake, as argparse has it
@@ -44,10 +45,10 @@ def run(arguments: list[str]) -> None:
 
 def _compare(arguments: list[str]) -> None:
     given = _parser().parse_intermixed_args(arguments)
-    # Late: --help loads nothing that computes.
-    from fl3d.analysis.compare_tables import text_of
-    from fl3d.analysis.detectors import read_detectors
-    from fl3d.api.comparison import compare
+    with loading():
+        from fl3d.analysis.compare_tables import text_of
+        from fl3d.analysis.detectors import read_detectors
+        from fl3d.api.comparison import compare
 
     if given.out is None and (given.clouds or given.pictures):
         raise ConfigError(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from fl3d.commands.parsing import parser, protocol_names
 from fl3d.core.errors import ConfigError, Fl3dError
-from fl3d.core.loading import uncollected
+from fl3d.core.loading import loading, uncollected
 from fl3d.evaluation import MISSING
 
 if TYPE_CHECKING:
@@ -47,8 +47,8 @@ def run(arguments: list[str]) -> None:
 
 
 def _evaluate(given: argparse.Namespace) -> None:
-    # Late: --help loads nothing that computes.
-    from fl3d.api.evaluation import NothingToCount, evaluate
+    with loading():
+        from fl3d.api.evaluation import NothingToCount, evaluate
 
     why = None
     try:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from fl3d.analysis.contributions import Contributions
-from fl3d.api.words import open_words, or_gamma, read_words
 from fl3d.commands.parsing import HELP, parser
 from fl3d.config.places import PUBLISHED
-from fl3d.papers.drawings import draw_curves, draw_papers, draw_verdicts
-from fl3d.papers.stored import feeding
-from fl3d.papers.views import judge_or_say
+from fl3d.core.loading import loading
 
 
 def run(arguments: list[str]) -> None:
@@ -21,6 +17,13 @@ def run(arguments: list[str]) -> None:
     arguments_of = parser("figures", run.__doc__)
     arguments_of.add_argument("overrides", nargs="*", help=HELP)
     words = arguments_of.parse_intermixed_args(arguments).overrides
+    with loading():
+        from fl3d.analysis.contributions import Contributions
+        from fl3d.api.words import open_words, or_gamma, read_words
+        from fl3d.papers.drawings import draw_curves, draw_papers, draw_verdicts
+        from fl3d.papers.stored import feeding
+        from fl3d.papers.views import judge_or_say
+
     sweep = open_words(read_words(or_gamma(words)))
     written = []
     for one in (sweep, *sweep.each_class()):

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from fl3d.analysis.found import judge_sweep
-from fl3d.analysis.gains import recalls, without_baseline
-from fl3d.analysis.samples import AVERAGES, CELLS, compare_sweep
-from fl3d.api.words import open_words, read_words
+from typing import TYPE_CHECKING
+
+from fl3d.analysis import AVERAGES
 from fl3d.commands.parsing import HELP, parser
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.files import write_text
-from fl3d.evaluation.protocol import split_metric
-from fl3d.papers.judged_views import tables_of_verdicts
-from fl3d.reports.figures.forest import forest
-from fl3d.reports.levels import gains_tables
-from fl3d.reports.render import to_markdown
-from fl3d.runs.finished import FinishedSweep, levels_of
+from fl3d.core.loading import loading
+
+if TYPE_CHECKING:
+    from fl3d.runs.finished import FinishedSweep
 
 
 def run(arguments: list[str]) -> None:
@@ -35,6 +32,11 @@ def run(arguments: list[str]) -> None:
         "--average", choices=AVERAGES, default="R40", help="of these (default: R40)"
     )
     given = arguments_of.parse_intermixed_args(arguments)
+    with loading():
+        from fl3d.analysis.samples import CELLS
+        from fl3d.api.words import open_words, read_words
+        from fl3d.evaluation.protocol import split_metric
+
     possible = ["/".join(cell) for cell in CELLS]
     metric, class_name = split_metric(given.metric) if given.metric else (None, None)
     if metric is not None and metric not in possible:
@@ -59,6 +61,15 @@ def _show(sweep: FinishedSweep, metric: str | None, average: str) -> None:
         metric: whose gains are printed too; None: none.
         average: R11 or R40, of them.
     """
+    from fl3d.analysis.found import judge_sweep
+    from fl3d.analysis.gains import recalls, without_baseline
+    from fl3d.analysis.samples import compare_sweep
+    from fl3d.papers.judged_views import tables_of_verdicts
+    from fl3d.reports.figures.forest import forest
+    from fl3d.reports.levels import gains_tables
+    from fl3d.reports.render import to_markdown
+    from fl3d.runs.finished import levels_of
+
     levels = levels_of(sweep)
     judged = judge_sweep(sweep)
     compared = compare_sweep(sweep)

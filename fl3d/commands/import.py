@@ -6,18 +6,9 @@ import argparse
 import inspect
 from pathlib import Path
 
-from fl3d.api.training import report
 from fl3d.commands.parsing import HELP, parser
-from fl3d.config.compose import compose_config
-from fl3d.config.settings import BY_HAND, read_settings
 from fl3d.core.errors import ConfigError
-from fl3d.runs.by_hand import sweep_name
-from fl3d.sweep.imported import Import, find_results, keep, read_list
-from fl3d.sweep.launchers.inline import InlineLauncher
-from fl3d.sweep.prepare import prepare_data
-from fl3d.sweep.run import run_sweep
-from fl3d.sweep.setup import prepare_sweep
-from fl3d.sweep.sweepers.grid import Listed
+from fl3d.core.loading import loading
 
 EXAMPLES = """\
   import 'exp/gamma{level}/seed{seed}/epoch_{epoch}/data' --factor gamma sweep.name=pv data=kitti data.root=/data/kitti
@@ -51,6 +42,18 @@ def run(arguments: list[str]) -> None:
     given = options.parse_intermixed_args(arguments)
     if any(word.startswith("detector=") for word in given.overrides):
         raise ConfigError("import: detector=... is not needed; --name says what tables call it")
+    with loading():
+        from fl3d.api.training import report
+        from fl3d.config.compose import compose_config
+        from fl3d.config.settings import BY_HAND, read_settings
+        from fl3d.runs.by_hand_names import sweep_name
+        from fl3d.sweep.imported import Import, find_results, keep, read_list
+        from fl3d.sweep.launchers.inline import InlineLauncher
+        from fl3d.sweep.prepare import prepare_data
+        from fl3d.sweep.run import run_sweep
+        from fl3d.sweep.setup import prepare_sweep
+        from fl3d.sweep.sweepers.grid import Listed
+
     is_list = given.source.endswith(".csv")
     results = read_list(Path(given.source)) if is_list else find_results(given.source)
     words = ["detector=imported", *given.overrides]

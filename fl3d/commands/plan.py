@@ -7,12 +7,8 @@ import inspect
 import math
 
 from fl3d.commands.parsing import HELP, parser
-from fl3d.config.compose import multirun
-from fl3d.config.objects import build
 from fl3d.core.errors import ConfigError
-from fl3d.sweep.by_hand import named
-from fl3d.sweep.preview import preview
-from fl3d.sweep.winners import with_winners
+from fl3d.core.loading import loading
 
 EXAMPLES = """\
 How many seeds?
@@ -44,6 +40,13 @@ def run(arguments: list[str]) -> None:
     )
     given = options.parse_intermixed_args(arguments)
     spread, margin = (_ap(name, getattr(given, name)) for name in ("spread", "margin"))
+    with loading():
+        from fl3d.config.compose import multirun
+        from fl3d.config.objects import build
+        from fl3d.sweep.by_hand import named
+        from fl3d.sweep.preview import preview
+        from fl3d.sweep.winners import with_winners
+
     asked = named(with_winners(multirun(given.overrides or ["+sweep=gamma"])))
     sweeper = build(asked.sweeper, "hydra.sweeper").proposer(asked.arguments, asked.compose)
     launcher = build(asked.launcher, "hydra.launcher")

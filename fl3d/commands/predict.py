@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from fl3d.commands.parsing import parser
-from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError
 from fl3d.core.errors import options as options_of
-from fl3d.data.pictures import checked_size
-from fl3d.inference.predict import predict
+from fl3d.core.loading import loading
 
 KEYS = (
     "data.cloud.columns",
@@ -63,6 +61,9 @@ def run(arguments: list[str]) -> None:
     options.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     options.add_argument("--no-pictures", action="store_true", help="write result files alone")
     given = options.parse_intermixed_args(arguments)
+    with loading():
+        from fl3d.inference.predict import predict
+
     predict(
         given.checkpoint,
         given.clouds,
@@ -81,6 +82,9 @@ def _reading(words: Sequence[str]) -> dict[str, Any]:
     Raises:
         ConfigError: a word is no such key with a value.
     """
+    from fl3d.config.overrides import values_by_key
+    from fl3d.data.pictures import checked_size
+
     read: dict[str, Any] = {}
     for word in words:
         key = word.partition("=")[0]

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fl3d.api.words import open_words, or_gamma, read_words
 from fl3d.commands.parsing import HELP, parser
 from fl3d.config.places import PUBLISHED
 from fl3d.core.errors import DataError, StoreError
-from fl3d.papers.page import write_page
-from fl3d.papers.stored import place_words, stored_sweeps
-from fl3d.runs.finished import FinishedSweep
-from fl3d.store.opening import open_store
+from fl3d.core.loading import loading
+
+if TYPE_CHECKING:
+    from fl3d.runs.finished import FinishedSweep
 
 
 def run(arguments: list[str]) -> None:
@@ -25,6 +25,11 @@ def run(arguments: list[str]) -> None:
     arguments_of = parser("report", run.__doc__)
     arguments_of.add_argument("overrides", nargs="*", help=HELP)
     words = arguments_of.parse_intermixed_args(arguments).overrides
+    with loading():
+        from fl3d.api.words import open_words, or_gamma, read_words
+        from fl3d.papers.page import write_page
+        from fl3d.papers.stored import place_words, stored_sweeps
+
     named = or_gamma(words)
     is_named = named == words
     main = open_words(read_words(named))
@@ -57,6 +62,8 @@ def is_usable(sweep: FinishedSweep) -> bool:
 
 def attach(sweep: FinishedSweep, page: Path) -> None:
     """Put the page beside every trial in the store, where it does not lie there yet."""
+    from fl3d.store.opening import open_store
+
     store = open_store(sweep.settings.store.root, sweep.settings.store.uri)
     runs = store.without(sweep.runs(store).values(), page, "results")
     if not runs:

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from fl3d.analysis.rescore import KEYS, rescore
-from fl3d.api.words import open_words, read_words
 from fl3d.commands.parsing import HELP, parser
-from fl3d.config.overrides import values_by_key
 from fl3d.core.errors import ConfigError, options
 from fl3d.core.files import write_text
-from fl3d.evaluation.protocol import METRIC_NAMES, split_metric
-from fl3d.reports.levels import rescored_tables
-from fl3d.reports.render import to_markdown
-from fl3d.runs.finished import levels_of
+from fl3d.core.loading import loading
 
 
 def run(arguments: list[str]) -> None:
@@ -27,6 +21,15 @@ def run(arguments: list[str]) -> None:
         "--metric", default="3d/moderate", help="of the printed table (default: 3d/moderate, R11)"
     )
     given = arguments_of.parse_intermixed_args(arguments)
+    with loading():
+        from fl3d.analysis.rescore import KEYS, rescore
+        from fl3d.api.words import open_words, read_words
+        from fl3d.config.overrides import values_by_key
+        from fl3d.evaluation.protocol import METRIC_NAMES, split_metric
+        from fl3d.reports.levels import rescored_tables
+        from fl3d.reports.render import to_markdown
+        from fl3d.runs.finished import levels_of
+
     possible = [name.removeprefix("ap_") for name in METRIC_NAMES]
     plain = split_metric(given.metric)[0]
     if plain not in possible:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from fl3d.commands.parsing import parser
+from fl3d.core.loading import loading
 from fl3d.simulator import MOST_PEOPLE as MOST
 
 
@@ -68,8 +69,8 @@ def run(arguments: list[str]) -> None:
     val = given.frames * 3 // 7 if given.val is None else given.val
     if val > given.frames:
         options.error(f"--val {val} is more than --frames {given.frames}")
-    # Late: --help loads nothing that computes.
-    from fl3d.api.simulation import simulate
+    with loading():
+        from fl3d.api.simulation import simulate
 
     written = simulate(
         given.out,

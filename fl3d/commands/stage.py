@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fl3d.commands.parsing import parser
-from fl3d.training.stage import run_stage
+from fl3d.core.loading import loading
 
 
 def run(arguments: list[str]) -> None:
@@ -15,4 +15,8 @@ def run(arguments: list[str]) -> None:
     """
     options = parser("stage", run.__doc__)
     options.add_argument("folder", type=Path, help="runs/stages/<key>")
-    run_stage(options.parse_args(arguments).folder)
+    folder = options.parse_args(arguments).folder
+    with loading():
+        from fl3d.training.stage import run_stage
+
+    run_stage(folder)

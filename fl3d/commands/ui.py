@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from fl3d.api.words import read_words
 from fl3d.commands.parsing import parser
-from fl3d.store.mlflow.ui import browse
+from fl3d.core.loading import loading
 
 
 def run(arguments: list[str]) -> None:
@@ -18,5 +17,9 @@ def run(arguments: list[str]) -> None:
     )
     options.add_argument("--port", type=int, help="default: 5000, or the next one that is free")
     given = options.parse_intermixed_args(arguments)
+    with loading():
+        from fl3d.api.words import read_words
+        from fl3d.store.mlflow.ui import browse
+
     store = read_words(given.overrides).settings.store
     browse(store.root, store.uri, given.port)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from fl3d.analysis.verify import verify
-from fl3d.api.words import open_words, or_gamma, read_words
 from fl3d.commands.parsing import HELP, parser
 from fl3d.core.errors import StoreError
+from fl3d.core.loading import loading
 
 
 def run(arguments: list[str]) -> None:
@@ -16,6 +15,10 @@ def run(arguments: list[str]) -> None:
         "--from-weights", action="store_true", help="run networks too, where weights are kept"
     )
     given = arguments_of.parse_intermixed_args(arguments)
+    with loading():
+        from fl3d.analysis.verify import verify
+        from fl3d.api.words import open_words, or_gamma, read_words
+
     sweep = open_words(read_words(or_gamma(given.overrides)))
     found = verify(sweep, given.from_weights)
     if found.wrong:

@@ -42,6 +42,14 @@ def own_folders() -> tuple[Path, ...]:
     return tuple(_OWN)
 
 
+def own_file(group: str, option: object) -> Path | None:
+    """The user's file of a group's option; None: it is fl3d's, or no option at all."""
+    if option not in options_of(group):
+        return None
+    files = (folder / group / f"{option}.yaml" for folder in _OWN)
+    return next((file for file in files if file.is_file()), None)
+
+
 def own_base() -> Path:
     """What a relative folder in a user's YAML is relative to: the folder of the YAMLs, else the working folder."""
     return _OWN[0] if _OWN else Path.cwd()

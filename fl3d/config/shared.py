@@ -32,6 +32,7 @@ class Shared:
         self._resolve = resolve
         raw = {key: value for key, value in config.items_ex(resolve=False) if key != "hydra"}
         self._names = names_in(OmegaConf.to_container(OmegaConf.create(raw), resolve=False))
+        self._sections: dict[tuple[str, str], Any] = {}  # by name and content
         try:
             self._resolved: Config | None = resolve(config)
         except ConfigError:  # of a value that each trial overrules, perhaps
@@ -52,7 +53,13 @@ class Shared:
             return self._anew(values)
         for override in values:
             check_value(override.key_or_group, changed, self._names)
-        return changed
+        return self._with_sections(changed, values)
+
+    def _with_sections(self, config: Config, values: Sequence[Override]) -> Config:
+        """The config with sections of others where values made them equal: each is kept once."""
+        for name in {override.key_or_group.partition(".")[0] for override in values}:
+            config[name] = self._sections.setdefault((name, repr(config[name])), config[name])
+        return config
 
     def _stands_alone(self, override: Override) -> bool:
         """Whether a value is text as it stands, and nothing else in the config reads it."""

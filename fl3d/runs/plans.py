@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import os
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from fl3d.core.errors import StoreError, Unwritable
-from fl3d.core.files import write_text
+from fl3d.core.files import write_atomically
 from fl3d.core.records import Trial
 from fl3d.runs.design import SEED
 from fl3d.runs.layout import StoreFolder
@@ -116,7 +116,8 @@ class PlanFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._plan: FrozenPlan | None = None
+        self._written: tuple[Any, ...] = ()  # all of the plan but its trials
+        self._keys: tuple[str, ...] = ()  # of these
         self._shared: dict[str, Any] = {}
         self._mark = ""
 
@@ -129,15 +130,12 @@ class PlanFile:
         elif new:
             lines = [{"of": self._mark, "trial": _as_written(one, self._shared)} for one in new]
             _append(grown_file(self.path), [json.dumps(line) for line in lines])
-        self._plan = plan
+        self._written, self._keys = _head(plan), _keys(plan.trials)
 
     def _gained(self, plan: FrozenPlan) -> tuple[FrozenTrial, ...] | None:
         """Trials that it has gained; None: something else has changed, or they do not share what the others do."""
-        before = self._plan
-        if before is None or _head(before) != _head(plan):
-            return None
-        count = len(before.trials)
-        if plan.trials[:count] != before.trials:
+        count = len(self._keys)
+        if self._written != _head(plan) or self._keys != _keys(plan.trials[:count]):
             return None
         new = plan.trials[count:]
         has_all = all(self._shared.keys() <= trial.config.keys() for trial in new)
@@ -152,6 +150,10 @@ def grown_file(path: Path) -> Path:
 def _head(plan: FrozenPlan) -> tuple[Any, ...]:
     """All of a plan but its trials; stages of earlier starts stay named where they come again."""
     return plan.factor, plan.baseline, plan.looks, plan.words
+
+
+def _keys(trials: Iterable[FrozenTrial]) -> tuple[str, ...]:
+    return tuple(trial.key for trial in trials)
 
 
 def _as_written(trial: FrozenTrial, shared: Mapping[str, Any]) -> dict[str, Any]:
@@ -199,9 +201,16 @@ def write_plan(path: Path, plan: FrozenPlan, mark: str = "") -> dict[str, Any]:
         **({"words": plan.words} if plan.words else {}),
         **({"mark": mark} if mark else {}),
     }
-    write_text(path, json.dumps(content, indent=1) + "\n")
+    write_atomically(path, lambda temporary: _dump(content, temporary))
     grown_file(path).unlink(missing_ok=True)
     return shared
+
+
+def _dump(content: Mapping[str, Any], path: Path) -> None:
+    """Write JSON, piece by piece: the text of a large plan would take as much memory as all else of its sweep."""
+    with path.open("w", encoding="utf-8") as file:
+        json.dump(content, file, indent=1)
+        file.write("\n")
 
 
 def read_plan(path: Path) -> FrozenPlan:

@@ -1,4 +1,4 @@
-"""Gives what was typed by hand, without a name, one of its own: two at once do not meet. See ``runs.by_hand``."""
+"""Gives what was typed by hand, without a name, one of its own: two at once do not meet. See ``runs.by_hand_names``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fl3d.config.objects import locate
 from fl3d.config.settings import BY_HAND
 from fl3d.core.nested import leaves
 from fl3d.core.records import Config
-from fl3d.runs.by_hand import sweep_name, trial_name
+from fl3d.runs.by_hand_names import sweep_name, trial_name
 from fl3d.sweep.identity import result_config
 
 DATA = ("name", "seed", "train_split", "val_split", "train_frames", "val_frames")

@@ -7,8 +7,10 @@ import heapq
 import statistics
 import sys
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, pairwise
 from pathlib import Path
 
 import torch
@@ -80,6 +82,19 @@ class _Network:
     bytes: float
 
 
+@dataclass(frozen=True)
+class _Rates:
+    """What checkpoints of one kind took, seconds each.
+
+    Args:
+        steps: a training step.
+        frames: looking at a validation frame.
+    """
+
+    steps: array[float] = field(default_factory=lambda: array("d"))
+    frames: array[float] = field(default_factory=lambda: array("d"))
+
+
 class Costs:
     """Costs of stages, by what is known so far.
 
@@ -91,11 +106,10 @@ class Costs:
     def __init__(self, stages_root: Path, n_val: int) -> None:
         self.stages_root, self.n_val = stages_root, n_val
         self._networks: dict[str, _Network] = {}
-        # By network and stage name: seconds of a step, and of looking at a validation frame.
-        self._rates: dict[tuple[str, str], list[tuple[float, float]]] = {}
+        self._rates: dict[tuple[str, str], _Rates] = {}  # by network and stage name
         self._medians: dict[tuple[str, str], tuple[float, float] | None] = {}
-        self._learned: set[tuple[str, int]] = set()
-        self._stages: dict[str, tuple[Stage, int]] = {}  # and its number of validation frames
+        self._learned: dict[str, int] = {}  # of each stage that was read, its newest checkpoint
+        self._examples: dict[str, Stage] = {}  # of each network, a stage that was read
         self._kinds: dict[str, str] = {}
         self._speed: float | None = None
 
@@ -158,53 +172,47 @@ class Costs:
         )
         for path in paths:
             folder = RunFolder(path)
-            for step in folder.steps():
-                if (folder.key, step) not in self._learned:
-                    self._learned.add((folder.key, step))
-                    # Cleaned away just now, or torn.
-                    with contextlib.suppress(FileNotFoundError, StoreError, CheckpointError):
-                        self._learn(folder, step)
+            steps = folder.steps()
+            known = self._learned.get(folder.key, -1)
+            if steps and steps[-1] > known:
+                self._learned[folder.key] = steps[-1]
+                with contextlib.suppress(StoreError):  # cleaned away just now, or torn
+                    self._learn(folder, steps, known)
 
-    def _learn(self, folder: RunFolder, step: int) -> None:
-        if folder.key not in self._stages:
-            spec = read_spec(folder)
-            self._stages[folder.key] = (spec.stage, len(spec.machine.val_ids))
-        stage, n_val = self._stages[folder.key]
-        seconds = read_marker(folder, step).seconds
-        if all(name in seconds for name in PURPOSES):
-            if is_command(stage.config):  # which may write results of some epochs only
-                steps = step - max(
-                    (s for s in folder.steps() if s < step), default=stage.start_step
-                )
-            else:
-                steps = stage.epoch_steps * checkpoint_every(stage)
-            rate = seconds["training"] / steps, (seconds["detection"] + seconds["scoring"]) / n_val
-            self._rates.setdefault((self._kind(stage), stage.name), []).append(rate)
-            self._medians.clear()
+    def _learn(self, folder: RunFolder, steps: Sequence[int], known: int) -> None:
+        """Read those of a stage's checkpoints that are newer than the one that is known."""
+        spec = read_spec(folder)
+        stage, n_val = spec.stage, len(spec.machine.val_ids)
+        kind = self._kind(stage)
+        self._examples.setdefault(kind, stage)
+        for before, step in pairwise([stage.start_step, *steps]):
+            if step <= known:
+                continue
+            with contextlib.suppress(FileNotFoundError, CheckpointError):  # likewise
+                seconds = read_marker(folder, step).seconds
+                if all(name in seconds for name in PURPOSES):
+                    rates = self._rates.setdefault((kind, stage.name), _Rates())
+                    rates.steps.append(seconds["training"] / _steps_between(stage, before, step))
+                    rates.frames.append((seconds["detection"] + seconds["scoring"]) / n_val)
+                    self._medians.clear()
 
     def _known_rate(self, stage: Stage) -> tuple[float, float] | None:
         """The median of stages of the same name, or else of any stage of the same network."""
         kind = self._kind(stage)
         if (kind, stage.name) not in self._medians:
+            own = self._rates.get((kind, stage.name))
             same = [rates for (other, _), rates in self._rates.items() if other == kind]
-            rates = self._rates.get((kind, stage.name)) or [rate for some in same for rate in some]
-            columns = list(zip(*rates, strict=True))
-            median = (
-                (statistics.median(columns[0]), statistics.median(columns[1])) if rates else None
-            )
-            self._medians[kind, stage.name] = median
+            self._medians[kind, stage.name] = _median([own] if own else same)
         return self._medians[kind, stage.name]
 
     def _slowness(self, target: str) -> float:
         """How much longer than their FLOPs say a detector's other networks took a step; 1: none was seen."""
-        for stage, _ in self._stages.values():
+        for stage in self._examples.values():
             if stage.target == target and not is_command(stage.config):
                 with contextlib.suppress(ConfigError):  # an older version's
                     self._network(stage)
         found = [
-            statistics.median(step for step, _ in rates)
-            * self.speed()
-            / self._networks[kind].step_flops
+            statistics.median(rates.steps) * self.speed() / self._networks[kind].step_flops
             for (kind, _), rates in self._rates.items()
             if kind in self._networks and self._networks[kind].target == target
         ]
@@ -240,6 +248,23 @@ def _kind(config: Config) -> str:
     optimizer = config["optimizer"]["_target_"]
     arithmetic = (settings.precision, settings.compile)
     return digest([config["detector"], optimizer, settings.batch_size, config["data"], *arithmetic])
+
+
+def _steps_between(stage: Stage, before: int, step: int) -> int:
+    """Steps of training from one checkpoint to the next; a command may write results of some epochs only."""
+    if is_command(stage.config):
+        return step - before
+    return stage.epoch_steps * checkpoint_every(stage)
+
+
+def _median(several: Sequence[_Rates]) -> tuple[float, float] | None:
+    """Seconds of a step and of a frame; None: nothing was read."""
+    if not several:
+        return None
+    return (
+        statistics.median(chain.from_iterable(rates.steps for rates in several)),
+        statistics.median(chain.from_iterable(rates.frames for rates in several)),
+    )
 
 
 def checkpoint_epochs(stage: Stage) -> list[int]:

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fl3d.analysis.samples import AVERAGES, resample_mean
+from fl3d.analysis import AVERAGES
+from fl3d.analysis.samples import resample_mean
 from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import Settings
 from fl3d.core.errors import ConfigError, DataError, StoreError

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -209,7 +210,7 @@ def stage_key(
         "data": data.digest,
         "versions": list(versions),
     }
-    return f"{_in_keys(config)}-{name}-{digest(content)[:10]}"
+    return sys.intern(f"{_in_keys(config)}-{name}-{digest(content)[:10]}")  # each is named often
 
 
 def _in_keys(config: Config) -> str:

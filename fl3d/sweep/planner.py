@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import sys
+from collections import ChainMap
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -71,6 +73,8 @@ class Planner:
         self.design: Design = make_design(compared, settings.sweep)
         self._checked: set[str] = set()
         self._frozen: dict[str, FrozenTrial] = {}
+        # Of each set of dotted keys the first config that has them.
+        self._flat: dict[tuple[str, ...], dict[str, Any]] = {}
         self._sections: dict[tuple[str, str], Any] = {}  # of stages' configs, by name and content
 
     def empty(self) -> Plan:
@@ -116,34 +120,42 @@ class Planner:
         Raises:
             ConfigError: ``sweep.baseline`` is no level of it.
         """
-        asked = self.settings.sweep.baseline
-        levels = list(dict.fromkeys(trial.level for trial in plan.trials))
-        if self.grows and asked is not None:
-            levels.append(asked_label(self.design.factor, asked))
-        trials = tuple(self._as_kept(trial) for trial in plan.trials)
         return FrozenPlan(
             factor=self.design.factor,
-            baseline=baseline_level(
-                levels,
-                self.design.factor,
-                asked,
-                detector_levels(
-                    self.design.factor, [(one.values, one.level) for one in plan.trials]
-                ),
-            ),
-            trials=trials,
+            baseline=self.baseline(plan),
+            trials=tuple(self._as_kept(trial) for trial in plan.trials),
             earlier=tuple(set(earlier) - set(plan.stages)),
             looks=self.looks,
         )
+
+    def baseline(self, plan: Plan) -> str:
+        """The level that the others are held against.
+
+        Raises:
+            ConfigError: ``sweep.baseline`` is no level of the plan.
+        """
+        factor, asked = self.design.factor, self.settings.sweep.baseline
+        levels = list(dict.fromkeys(trial.level for trial in plan.trials))
+        if self.grows and asked is not None:
+            levels.append(asked_label(factor, asked))
+        names = detector_levels(factor, ((one.values, one.level) for one in plan.trials))
+        return baseline_level(levels, factor, asked, names)
 
     def _as_kept(self, trial: Trial) -> FrozenTrial:
         """A trial as the plan's file has it; of a plan that grows it is made once."""
         kept = self._frozen.get(trial.key)
         if kept is None:
-            kept = freeze(trial, dict(leaves(result_config(trial.config))))
+            kept = freeze(trial, self._by_dotted_key(result_config(trial.config)))
             if self.grows:
                 self._frozen[trial.key] = kept
         return kept
+
+    def _by_dotted_key(self, config: Config) -> Mapping[str, Any]:
+        """A config by dotted key; it keeps what it differs in from the first of the same keys."""
+        flat = dict(leaves(config))
+        first = self._flat.setdefault(tuple(flat), flat)
+        own = {key: flat[key] for key in first if repr(flat[key]) != repr(first[key])}
+        return ChainMap(own, first)
 
     def _lay_out(self, point: Point) -> tuple[Trial, list[Stage]]:
         """The trial of one point, and its stages."""
@@ -177,7 +189,7 @@ class Planner:
     def _shared(self, config: Config) -> Config:
         """An equal config that takes sections of other stages where they are equal: it keeps what it differs in."""
         return {
-            key: self._sections.setdefault((key, repr(value)), value)
+            sys.intern(key): self._sections.setdefault((key, repr(value)), value)
             if isinstance(value, dict)
             else value
             for key, value in config.items()

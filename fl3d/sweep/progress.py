@@ -53,10 +53,8 @@ class Progress:
         self._told: set[str] = set()
         self._slot_seconds = 0.0  # that were at work
         self._plan: Plan | None = None
-        self._first: dict[
-            str, float
-        ] = {}  # share of each stage that was done when it was first seen
-        self._shares: dict[str, float] = {}  # now
+        self._first: dict[str, float] = {}  # share done of stages that had begun when first seen
+        self._shares: dict[str, float] = {}  # of each stage, now
         self._news: set[str] = set()  # stages that have changed since the bar was renewed
 
     def __enter__(self) -> Self:
@@ -111,8 +109,10 @@ class Progress:
         self._plan = plan
         self._apart = Apart(plan.stages.values())
         for key, stage in plan.stages.items():
-            if key not in self._first:
-                self._first[key] = self._shares[key] = self._share(stage)
+            if key not in self._shares:
+                self._shares[key] = self._share(stage)
+                if self._shares[key]:
+                    self._first[key] = self._shares[key]
 
     def _renew(self, plan: Plan, running: list[Stage], stopped: Collection[str]) -> None:
         self._see(plan)
@@ -158,8 +158,9 @@ class Progress:
         """Seconds that this run takes for a predicted second."""
         done = 0.0
         for key, stage in plan.stages.items():
-            if self._shares[key] != self._first[key]:
-                done += (self._shares[key] - self._first[key]) * self.costs.cost(stage).seconds
+            gained = self._shares[key] - self._first.get(key, 0.0)
+            if gained:
+                done += gained * self.costs.cost(stage).seconds
         if self._slot_seconds < TRUST_SECONDS or done <= 0:
             return 1.0
         return self._slot_seconds / done

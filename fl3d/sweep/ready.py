@@ -23,7 +23,6 @@ class Ready:
     def __init__(self, seconds: Callable[[Stage], float]) -> None:
         self._seconds = seconds
         self._plan: Plan | None = None
-        self._known: set[str] = set()
         self._children: dict[str | None, list[str]] = {}
         self._longest: dict[str, float] = {}
         self._place: dict[str, int] = {}  # among equals the plan's order counts
@@ -36,9 +35,8 @@ class Ready:
         if plan is self._plan:
             return []
         self._plan = plan
-        new = [key for key in plan.stages if key not in self._known]
+        new = [key for key in plan.stages if key not in self._place]
         for key in new:
-            self._known.add(key)
             self._place[key] = len(self._place)
             self._children.setdefault(plan.stages[key].parent, []).append(key)
         if new:
@@ -47,7 +45,7 @@ class Ready:
 
     def has_seen(self, plan: Plan) -> bool:
         """Whether all stages of a plan were taken."""
-        return plan is self._plan or self._known.issuperset(plan.stages)
+        return plan is self._plan or self._place.keys() >= plan.stages.keys()
 
     def children(self, key: str | None) -> list[str]:
         """Stages that resume from one."""

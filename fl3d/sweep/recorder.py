@@ -6,7 +6,7 @@ import json
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
@@ -55,12 +55,11 @@ class Subject:
 
 @dataclass
 class _Run:
-    """A trial's run in the store: its id, the steps that it holds, and how it was closed."""
+    """A trial's run in the store that is not whole yet: its id, the steps that it holds, and how it was closed."""
 
     id: str
     logged: set[int]
     closed: RunStatus | None = None
-    is_torn: bool = field(default=False)  # a file of it cannot be read: the others are recorded on
 
 
 class Recorder:
@@ -82,7 +81,8 @@ class Recorder:
         self.scores = scores
         self.subject = subject
         self.say = say
-        self._runs: dict[str, _Run] = {}
+        self._runs: dict[str, str] = {}  # ids by trial
+        self._unfinished: dict[str, _Run] = {}  # by trial; the others are whole, or a file is torn
         self._draws: dict[str, str] = {}  # trial whose run has a stage's curve, by the stage
         self._models: set[tuple[str, str]] | None = (
             None  # that the store held when this start began
@@ -92,7 +92,7 @@ class Recorder:
     @property
     def runs(self) -> list[str]:
         """Ids of the runs of all trials."""
-        return [run.id for run in self._runs.values()]
+        return list(self._runs.values())
 
     @property
     def is_waiting(self) -> bool:
@@ -137,7 +137,7 @@ class Recorder:
     def interrupt(self) -> None:
         """Close the runs of trials that are not done, if the store can be reached; the next start opens them again."""
         try:
-            for run in self._runs.values():
+            for run in self._unfinished.values():
                 if run.closed is None:
                     self.store.end(run.id, RunStatus.STOPPED)
         except (StoreError, OSError):  # down, or its disk is full
@@ -145,22 +145,20 @@ class Recorder:
 
     def _sync_or_say(self, standing: Standing) -> None:
         trial = standing.trial
-        run = self._runs.get(trial.key)
-        if run is not None and (run.is_torn or run.closed is RunStatus.DONE):
+        if trial.key not in self._runs:
+            run = self._open(trial)
+            self._runs[trial.key], self._unfinished[trial.key] = run.id, run
+        if trial.key not in self._unfinished:
             return
         try:
-            self._sync(standing)
-        except (CheckpointError, DataError) as error:
+            self._sync(standing, self._unfinished[trial.key])
+        except (CheckpointError, DataError) as error:  # the other trials are recorded on
             self.say(f"{trial.key}: not recorded any further: {error}")
-            self._runs[trial.key].is_torn = True
-            self._runs[trial.key].closed = RunStatus.FAILED
-            self.store.end(self._runs[trial.key].id, RunStatus.FAILED)
+            run = self._unfinished.pop(trial.key)
+            self.store.end(run.id, RunStatus.FAILED)
 
-    def _sync(self, standing: Standing) -> None:
+    def _sync(self, standing: Standing, run: _Run) -> None:
         trial = standing.trial
-        if trial.key not in self._runs:
-            self._runs[trial.key] = self._open(trial)
-        run = self._runs[trial.key]
         # A run that is closed is not looked at again: it must hold every step.
         listed = self.scores.all_steps if standing.state is TrialState.DONE else self.scores.steps
         for key in trial.stages:
@@ -173,10 +171,12 @@ class Recorder:
         if standing.state is TrialState.DONE:
             if run.closed is not RunStatus.DONE:
                 self._finish(trial, run)
-                run.closed = RunStatus.DONE
+            del self._unfinished[trial.key]
+            self.scores.let_go(trial.key)
         elif standing.state in STATUS and run.closed is not STATUS[standing.state]:
             self.store.end(run.id, STATUS[standing.state])
             run.closed = STATUS[standing.state]
+            self.scores.let_go(trial.key)
 
     def _open(self, trial: Trial) -> _Run:
         params = dict(leaves(result_config(trial.config)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
+from itertools import islice
 
 from fl3d.sweep.recorder import Recorder
 from fl3d.sweep.sweepers.base import Standing
@@ -115,9 +116,7 @@ class Recording:
 
     def _record(self, batch: dict[str, Standing]) -> dict[str, Standing]:
         """Log a batch; what is left of it where the store is down, or the sweep ends."""
-        while batch and not self._is_ending:
-            key = next(iter(batch))
-            if not self.recorder.sync({key: batch[key]}):
-                break
-            del batch[key]
-        return batch
+        for number, (key, standing) in enumerate(batch.items()):
+            if self._is_ending or not self.recorder.sync({key: standing}):
+                return dict(islice(batch.items(), number, None))
+        return {}

@@ -139,8 +139,10 @@ def _loop(
         if scheduler.is_idle(plan):
             break
         time.sleep(POLL_SECONDS)
-    final = Standings(scores.curve).update(plan, scheduler.outcome, ())
-    recording.offer(final)
+    standings.update(plan, scheduler.outcome, scheduler.news())  # what was stopped last
+    recording.offer(standings)
     recording.finish()
     tidy.stages(scheduler.outcome.done)
-    return Ran(plan=plan, outcome=scheduler.outcome, standings=final, recorder=recording.recorder)
+    return Ran(
+        plan=plan, outcome=scheduler.outcome, standings=standings, recorder=recording.recorder
+    )

@@ -147,6 +147,8 @@ class Scheduler:
         return key in self.outcome.done
 
     def _done(self, key: str) -> None:
+        self._tries.pop(key, None)
+        self._newest.pop(key, None)
         self.outcome.done.add(key)
         self._news.add(key)
         self._add_children(key)

@@ -22,6 +22,7 @@ LIST_AGAIN_SECONDS = 0.5
 SETTLED_SECONDS = 2.0  # a folder's time is that of a tick: what comes within it would not be seen
 
 APs = dict[str, float]
+_Row = tuple[tuple[str, ...], "array[float]"]
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class _Listing:
 
 
 class Scoreboard:
-    """Scores of all stages of a store folder.
+    """Scores of all stages of a store folder; what was read of one is kept until it is let go.
 
     Args:
         layout: of the store folder.
@@ -47,9 +48,9 @@ class Scoreboard:
         self.layout = layout
         self.validation = validation
         self.protocol = protocol
-        # Of each checkpoint the metrics' names, which all share, and its numbers: a dict of its own took ten times as
-        # much.
-        self._read: dict[tuple[str, int], tuple[tuple[str, ...], array[float]]] = {}
+        # Of each stage's checkpoints the metrics' names, which all share, and their numbers: a dict of each took ten
+        # times as much.
+        self._read: dict[str, dict[int, _Row]] = {}
         self._names: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._steps: dict[str, _Listing] = {}
         self._told: dict[str, int] = {}
@@ -67,10 +68,10 @@ class Scoreboard:
             return []
         known, now = self._steps.get(key), time.monotonic()
         if known is None or known.changed != changed:
-            self._steps[key] = _Listing(changed, now, now, folder.steps())
+            known = self._steps[key] = _Listing(changed, now, now, folder.steps())
         elif known.listed - known.first < SETTLED_SECONDS:
-            self._steps[key] = replace(known, listed=now, steps=folder.steps())
-        return self._steps[key].steps
+            known = self._steps[key] = replace(known, listed=now, steps=folder.steps())
+        return known.steps
 
     def all_steps(self, key: str) -> list[int]:
         """As ``steps``, of a stage that has ended; its last is waited for where a network's folder is listed late."""
@@ -89,17 +90,23 @@ class Scoreboard:
         """Stages among some that have other checkpoints than when this was asked last."""
         steps = {key: len(self.steps(key)) for key in keys}
         found = {key for key, count in steps.items() if count != self._told.get(key, 0)}
-        self._told |= steps
+        self._told = steps
         return found
 
     def aps(self, key: str, step: int) -> APs:
         """APs of a stage's checkpoint, such as ``ap_3d/moderate``, in percent."""
-        if (key, step) not in self._read:
+        rows = self._read.setdefault(key, {})
+        row = rows.get(step)
+        if row is None:
             found = scores_of(self.folder(key), step, self.validation, self.protocol)
             names = self._names.setdefault(tuple(found), tuple(found))
-            self._read[key, step] = names, array("d", found.values())
-        names, values = self._read[key, step]
-        return dict(zip(names, values, strict=True))
+            row = rows[step] = names, array("d", found.values())
+        return dict(zip(*row, strict=True))
+
+    def let_go(self, key: str) -> None:
+        """Keep nothing of a stage that is hardly asked for any more; from any thread."""
+        self._read.pop(key, None)
+        self._steps.pop(key, None)
 
     def curve(self, stage: Stage) -> dict[int, APs]:
         """APs of a stage's checkpoints so far, by its own epochs; those that cannot be read are left out."""

@@ -6,6 +6,7 @@ import shlex
 import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 from fl3d.config.places import own_folders
 from fl3d.config.settings import Settings, read_settings
@@ -90,7 +91,7 @@ def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
     )
     plan = planner.plan(sweeper.first())
     if plan.trials:
-        planner.frozen(plan)  # a baseline that is no level is refused now
+        planner.baseline(plan)  # one that is no level is refused now
     return Prepared(
         sweeper=sweeper,
         settings=settings,
@@ -173,15 +174,15 @@ class Frozen:
         self.prepared = prepared
         self._file = PlanFile(prepared.layout.plan(prepared.settings.experiment))
         self._earlier: set[str] | None = None
-        self._known: set[str] = set()  # stages that were looked at
+        self._known = 0  # stages that were looked at, in the plan's order
 
     def keep(self, plan: Plan) -> None:
         """Keep the plan as it is now: what it has gained is written, and not the whole of it."""
         if not plan.trials:
             return
-        new = {key: stage for key, stage in plan.stages.items() if key not in self._known}
+        new = dict(islice(plan.stages.items(), self._known, None))
         _refuse_other_reading(self.prepared.layout, new)
-        self._known |= new.keys()
+        self._known = len(plan.stages)
         if self._earlier is None:
             try:
                 self._earlier = read_plan(self._file.path).stages

@@ -10,11 +10,12 @@ from fl3d.sweep.scheduler import Outcome
 from fl3d.sweep.sweepers.base import Standing, TrialState
 
 Curve = Mapping[int, Mapping[str, float]]
+NO_CURVE: Curve = {}
 
 
 def no_curve(stage: Stage) -> Curve:
     """For sweepers that do not listen: nothing is read."""
-    return {}
+    return NO_CURVE
 
 
 class Standings(Mapping[str, Standing]):
@@ -28,7 +29,9 @@ class Standings(Mapping[str, Standing]):
         self._curve = curve
         self._plan: Plan | None = None
         self._found: dict[str, Standing] = {}
-        self._trials: dict[str, list[Trial]] = {}  # by the stages that they go through
+        self._sharing: dict[
+            str, list[Trial]
+        ] = {}  # by the stages that they go through before their last
 
     def __getitem__(self, key: str) -> Standing:
         return self._found[key]
@@ -48,7 +51,10 @@ class Standings(Mapping[str, Standing]):
             news: stages that have ended, or have another checkpoint.
         """
         changed = {trial.key: trial for trial in self._grow(plan)}
-        changed |= {trial.key: trial for key in news for trial in self._trials.get(key, ())}
+        for key in news:
+            changed |= {trial.key: trial for trial in self._sharing.get(key, ())}
+            if key in self._found:
+                changed[key] = self._found[key].trial
         lost = {*outcome.failed, *outcome.blocked}
         found = {
             key: self._stand(plan.stages[key], trial, outcome, lost)
@@ -64,8 +70,8 @@ class Standings(Mapping[str, Standing]):
         self._plan = plan
         new = [trial for trial in plan.trials if trial.key not in self._found]
         for trial in new:
-            for key in trial.stages:
-                self._trials.setdefault(key, []).append(trial)
+            for key in trial.stages[:-1]:
+                self._sharing.setdefault(key, []).append(trial)
         return new
 
     def _stand(self, stage: Stage, trial: Trial, outcome: Outcome, lost: set[str]) -> Standing:

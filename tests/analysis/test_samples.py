@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fl3d.analysis.samples import AVERAGES, CELLS, Comparisons, Resampled, paired
+from fl3d.analysis import AVERAGES
+from fl3d.analysis.samples import CELLS, Comparisons, Resampled, paired
 from fl3d.evaluation.bootstrap import resampled_aps, unit_weights, widened
 from tests.analysis.making import resample_sweep
 from tests.evaluation.test_bootstrap import comparison, scene

@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from fl3d.analysis import AVERAGES
 from fl3d.analysis.found import judge_sweep, left_out, sweep_verdicts
-from fl3d.analysis.samples import AVERAGES, CELLS, Resampled
+from fl3d.analysis.samples import CELLS, Resampled
 from fl3d.analysis.verdicts import verdicts
 from fl3d.config.settings import SweepSettings
 from fl3d.core.errors import ConfigError, StoreError

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from fl3d.api.words import open_words, or_gamma, read_words
+from fl3d.api.words import open_words, or_gamma, read_words, sweeps_of
 from fl3d.commands import tables, why
 from fl3d.config.compose import compose_config, multirun
 from fl3d.config.detector_names import spell_out_detectors
 from fl3d.config.settings import read_settings
 from fl3d.core.errors import ConfigError, StoreError
-from fl3d.runs.by_hand import find_by_hand, sweep_name
+from fl3d.runs.by_hand import find_by_hand
+from fl3d.runs.by_hand_names import sweep_name
 from fl3d.runs.plans import read_plan, write_plan
 from fl3d.store.opening import open_store
 from fl3d.sweep.by_hand import name_trial, named
@@ -111,11 +112,11 @@ def test_seeds_alone_leave_other_seeds_out_of_every_sweep(started: list[str]) ->
     where = [
         word for word in started if word.startswith(("profile", "store", "results", "data.root"))
     ]
-    found = tables.sweeps_of([*where, "seed=0,1"])
+    found = sweeps_of([*where, "seed=0,1"])
     assert len(found) == 2
     assert all({trial.seed for trial in sweep.trials} == {0} for sweep in found)
     with pytest.raises(StoreError, match="run here with any of these seeds"):
-        tables.sweeps_of([*where, "seed=7"])
+        sweeps_of([*where, "seed=7"])
 
 
 @pytest.mark.slow
@@ -232,6 +233,23 @@ def test_other_sweeps_have_other_names_and_more_seeds_the_same() -> None:
         ["loss.gamma=0,1", "detector=voxelnet", "sweep.baseline=1"],
     )
     assert len({name, *(sweep_name(other) for other in others)}) == 6
+
+
+@pytest.mark.parametrize("group", ["detector", "data", "sweep"])
+def test_yamls_of_one_name_in_two_folders_make_two_names(
+    group: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What they say counts, and not where they lie or how they are commented."""
+    words = ["loss.gamma=0,1", f"{'+' * (group == 'sweep')}{group}=mine", "hydra/launcher=mine"]
+    names = []
+    for number, text in enumerate(("a: 1\n", "a: 2\n", "# as it was\na: 1\n")):
+        for place in (group, "hydra/launcher"):
+            file = tmp_path / str(number) / place / "mine.yaml"
+            file.parent.mkdir(parents=True)
+            file.write_text(text if place == group else str(number))
+        monkeypatch.setattr("fl3d.config.places._OWN", [tmp_path / str(number)])
+        names.append(sweep_name(words))
+    assert names[0] == names[2] != names[1]
 
 
 def test_levels_behind_the_baseline_may_stand_in_any_order() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from fl3d.api import publishing
 from fl3d.commands import publish
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.leases import leased
@@ -22,10 +23,10 @@ def published(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("scores/gamma.csv", "tables/table_V.md", "figures/forest_gamma.png", "stamp.json"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(f"old {name}")
-    monkeypatch.setattr(publish, "PUBLISHED", tmp_path / "results")
-    monkeypatch.setattr(publish, "is_checkout", lambda: True)
-    monkeypatch.setattr(publish, "provenance", lambda: CLEAN)
-    monkeypatch.setattr(publish, "open_store", lambda root, _: MemoryStore(root))
+    monkeypatch.setattr(publishing, "PUBLISHED", tmp_path / "results")
+    monkeypatch.setattr(publishing, "is_checkout", lambda: True)
+    monkeypatch.setattr(publishing, "provenance", lambda: CLEAN)
+    monkeypatch.setattr(publishing, "open_store", lambda root, _: MemoryStore(root))
     return tmp_path / "results"
 
 
@@ -56,7 +57,7 @@ def writes(name: str) -> Make:
 def test_what_is_new_takes_the_place_of_all_that_was_there(
     published: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(publish, "make", writes("table_IV.md"))
+    monkeypatch.setattr(publishing, "make", writes("table_IV.md"))
     publish.run(words(published, "gamma", "gamma_pedestrian"))
     assert contents(published) == {
         "README.md": (published / "README.md").read_bytes(),
@@ -78,11 +79,11 @@ def test_a_failure_in_the_middle_leaves_what_was_published_to_the_byte(
         write(*given)
         raise error
 
-    monkeypatch.setattr(publish, "make", make)
+    monkeypatch.setattr(publishing, "make", make)
     with pytest.raises(type(error)):
         publish.run(words(published, "gamma", "gamma_pedestrian"))
     assert contents(published) == before
-    assert not (published / publish.MAKING).exists()
+    assert not (published / publishing.MAKING).exists()
 
 
 def test_a_sweep_that_ends_before_its_last_trial_is_not_published(
@@ -93,7 +94,7 @@ def test_a_sweep_that_ends_before_its_last_trial_is_not_published(
     def half(asked: object, _: object) -> None:
         raise StoreError("the disk is full")
 
-    monkeypatch.setattr(publish, "train_sweep", half)
+    monkeypatch.setattr(publishing, "train_sweep", half)
     with pytest.raises(StoreError, match="the disk is full"):
         publish.run(words(published, "gamma"))
     assert contents(published) == before
@@ -107,7 +108,7 @@ def test_a_sweep_that_is_being_run_is_found_before_any_work(
     published: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = contents(published)
-    monkeypatch.setattr(publish, "make", never)
+    monkeypatch.setattr(publishing, "make", never)
     store = StoreFolder(published.parent / "runs")
     with (
         leased(store.lease("loss_form-simulated-tiny")),
@@ -121,7 +122,7 @@ def test_a_winner_that_is_nowhere_is_missed_before_any_work(
     published: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Not taken from what is published, which may be of other code."""
-    monkeypatch.setattr(publish, "make", never)
+    monkeypatch.setattr(publishing, "make", never)
     with pytest.raises(StoreError, match="no scores of pointrcnn_batch-simulated-tiny"):
         publish.run(words(published, "gamma", "pointrcnn_alpha"))
 
@@ -136,13 +137,13 @@ def test_a_winner_is_asked_for_before_it_is_kept_in_whatever_order_it_was_typed(
         asked.extend(own)
         writes("table.md")(folders)
 
-    monkeypatch.setattr(publish, "make", make)
+    monkeypatch.setattr(publishing, "make", make)
     publish.run(words(published, "pointrcnn_alpha", "pointrcnn_batch"))
     assert asked == ["pointrcnn_batch", "pointrcnn_alpha"]
 
 
 def test_uncommitted_changes_are_refused(published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(publish, "make", never)
-    monkeypatch.setattr(publish, "provenance", lambda: CLEAN | {"fl3d.dirty": "true"})
+    monkeypatch.setattr(publishing, "make", never)
+    monkeypatch.setattr(publishing, "provenance", lambda: CLEAN | {"fl3d.dirty": "true"})
     with pytest.raises(ConfigError, match="uncommitted changes"):
         publish.run(words(published, "gamma"))

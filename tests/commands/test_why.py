@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from fl3d.commands.why import is_one_value, is_short, run
+from fl3d.api.cells import is_one_value, is_short
+from fl3d.commands.why import run
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import ConfigError
 from fl3d.runs.finished import FinishedSweep

@@ -85,7 +85,7 @@ def test_what_the_system_refuses_ends_a_command_with_a_sentence(
     def refused(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("fl3d.commands.clean.clean", lambda *_, **__: refused())
+    monkeypatch.setattr("fl3d.runs.cleaning.clean", lambda *_, **__: refused())
     with pytest.raises(SystemExit) as ended:
         main(["clean"])
     assert ended.value.code == 2
@@ -101,7 +101,7 @@ def test_a_disk_that_does_not_answer_ends_a_command_with_a_sentence(
     def fails(*_: object, **__: object) -> None:
         raise OSError(number, os.strerror(number), "/data/plan.json")
 
-    monkeypatch.setattr("fl3d.commands.clean.clean", fails)
+    monkeypatch.setattr("fl3d.runs.cleaning.clean", fails)
     with pytest.raises(SystemExit) as ended:
         main(["clean"])
     assert ended.value.code == 1

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.analysis.samples import AVERAGES, CELLS, Resampled
+from fl3d.analysis import AVERAGES
+from fl3d.analysis.samples import CELLS, Resampled
 from fl3d.papers.focal_loss.gain_claims import GainsByAverage
 from fl3d.papers.focal_loss.swept_gains import gains_over_zero
 

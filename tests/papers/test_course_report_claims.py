@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fl3d.analysis.samples import AVERAGES, CELLS, Resampled
+from fl3d.analysis import AVERAGES
+from fl3d.analysis.samples import CELLS, Resampled
 from fl3d.papers.claim import Claim
 from fl3d.papers.course_report.cells import Cells, our_cells
 from fl3d.papers.course_report.claims import claims_of

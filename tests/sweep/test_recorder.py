@@ -415,6 +415,21 @@ def test_tables_and_figures_are_put_beside_every_trial(bench: Bench, tmp_path: P
     assert bench.recorder.runs == list(bench.store.runs)
 
 
+def test_what_is_read_of_a_trial_is_let_go_when_it_is_recorded_and_of_what_others_share_is_kept(
+    bench: Bench,
+) -> None:
+    """Asked for again, it is read again, which a changed file shows."""
+    bench.trained()
+    bench.sync(DONE, RUNNING)
+    values = {f"ap_3d/{name}": 1.0 for name in ("easy", "moderate", "hard")}
+    for key in ("warmup", "focal-0", "focal-2"):
+        for step in bench.layout.run(key).steps():
+            write_scores(bench.layout.run(key), step, PROTOCOL, values)
+    scores = bench.recorder.scores
+    expected = {("warmup", 4): 20.0, ("focal-0", 8): 1.0, ("focal-2", 8): 30.0}
+    assert {of: scores.aps(*of)["ap_3d/easy"] for of in expected} == expected
+
+
 def test_a_folder_that_is_listed_late_is_waited_for_when_its_trial_is_done(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.analysis import AVERAGES
 from fl3d.analysis.contributions import Contributions
-from fl3d.analysis.samples import AVERAGES, CELLS
+from fl3d.analysis.samples import CELLS
 from fl3d.papers.course_report.frustum_tables import (
     DETECTORS,
     FRUSTUM,

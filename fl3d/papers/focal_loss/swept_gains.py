@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from fl3d.analysis.samples import AVERAGES, CELLS, Resampled, Samples, paired
+from fl3d.analysis import AVERAGES
+from fl3d.analysis.samples import CELLS, Resampled, Samples, paired
 from fl3d.evaluation.intervals import Sample
 from fl3d.papers.focal_loss.gain_claims import Gains, GainsByAverage
 from fl3d.papers.focal_loss.tables import gamma_of

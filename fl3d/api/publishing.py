@@ -1,0 +1,178 @@
+"""Make the results that the project publishes: all of them are there before any takes its place."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+from fl3d.analysis.contributions import Contributions
+from fl3d.analysis.found import judge_sweep
+from fl3d.api.training import train_sweep
+from fl3d.api.words import Words, open_words, read_words
+from fl3d.config.objects import build
+from fl3d.config.places import PUBLISHED
+from fl3d.core.errors import ConfigError, StoreError
+from fl3d.core.files import swap_folder
+from fl3d.core.leases import leased, living
+from fl3d.core.provenance import provenance
+from fl3d.core.shipped import is_checkout
+from fl3d.papers.drawings import draw_curves, draw_papers
+from fl3d.papers.index import write_index
+from fl3d.papers.published import SWEEPS, words_of
+from fl3d.papers.results import write_sweep
+from fl3d.papers.stamp import write_stamp
+from fl3d.papers.stored import feeding
+from fl3d.papers.tables import write_still_tables
+from fl3d.papers.views import write_views
+from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.layout import StoreFolder
+from fl3d.runs.opening import open_sweep
+from fl3d.store.opening import open_store
+
+MAKING = ".making"  # beside the published folders: those that are being made
+
+
+def publish(names: Collection[str], words: Sequence[str]) -> list[Path]:
+    """Make the results folders of some published sweeps anew.
+
+    Args:
+        names: of the sweeps.
+        words: that say where they lie.
+
+    Returns:
+        the folders, and the index of all.
+
+    Raises:
+        ConfigError: this is no checkout of fl3d's repository, or it has uncommitted changes.
+        StoreError: a sweep could not be run to its end; what was published is as it was.
+    """
+    made_by = _clean_commit()
+    making = PUBLISHED / MAKING
+    words = [*words, f"results={making}"]
+    with leased(making / "publish.lease", wait=False):
+        try:
+            for left in making.glob("*/"):  # by a process that was killed
+                shutil.rmtree(left)
+            asked = read_sweeps(names, words)
+            check_ready(asked, words)
+            folders = by_folder(asked)
+            make(folders, words, made_by)
+            for folder in folders:
+                swap_folder(folder, PUBLISHED / folder.name)
+        finally:
+            shutil.rmtree(making, ignore_errors=True)
+    return [*(PUBLISHED / folder.name for folder in folders), write_index(PUBLISHED)]
+
+
+def _clean_commit() -> dict[str, str]:
+    """Where the results come from: a commit of fl3d's repository.
+
+    Raises:
+        ConfigError: there is none, or it is not what runs.
+    """
+    if not is_checkout():
+        raise ConfigError(
+            "publish: makes results/ of fl3d's repository anew, which is not here; your own tables are made by tables"
+        )
+    made_by = provenance()
+    if made_by.get("fl3d.dirty") == "true":
+        raise ConfigError(
+            "publish: there are uncommitted changes; commit them first, for the stamp names the commit"
+        )
+    return made_by
+
+
+def read_sweeps(names: Collection[str], words: Sequence[str]) -> dict[str, Words]:
+    """What the words of some published sweeps mean, by name and in the order of ``SWEEPS``."""
+    return {name: read_words(words_of(name, words)) for name in SWEEPS if name in names}
+
+
+def by_folder(asked: Mapping[str, Words]) -> dict[Path, dict[str, Words]]:
+    """Some sweeps by the results folder that each is published in, in their order."""
+    folders: dict[Path, dict[str, Words]] = {}
+    for name, one in asked.items():
+        folders.setdefault(one.settings.results_folder, {})[name] = one
+    return folders
+
+
+def check_ready(asked: Mapping[str, Words], words: Sequence[str]) -> None:
+    """Find now what would stop the publishing of some sweeps after hours.
+
+    Args:
+        asked: the sweeps by name, in the order in which they are run.
+        words: that say where they lie.
+
+    Raises:
+        StoreError: a sweep is being run, the store cannot be reached, or an earlier sweep whose winner one keeps is
+            neither there nor asked for.
+    """
+    before: set[str] = set()
+    for name, one in asked.items():
+        after = one.settings.sweep.after
+        while after is not None and after not in before:
+            earlier = read_words(words_of(after, words)).settings
+            _check_finished(open_sweep(earlier))
+            after = earlier.sweep.after
+        before.add(name)
+    settings = [one.settings for one in asked.values()]
+    leases = {StoreFolder(one.store.root).lease(one.experiment): one.experiment for one in settings}
+    for lease, holder in living(leases).items():
+        raise StoreError(f"{leases[lease]}: is being run by {holder}; wait for it or end it")
+    for root, uri in {(one.store.root, one.store.uri) for one in settings}:
+        open_store(root, uri).open()
+
+
+def _check_finished(sweep: FinishedSweep) -> None:
+    done, planned = len(sweep.trials), len(sweep.plan.trials)
+    if done < planned:
+        raise StoreError(
+            f"{sweep.name}: {done} of {planned} trials are done; nothing is published before all are"
+        )
+
+
+def make(
+    folders: Mapping[Path, Mapping[str, Words]], words: Sequence[str], made_by: Mapping[str, str]
+) -> None:
+    """Train or reuse the sweeps of some results folders, then fill the folders.
+
+    Args:
+        folders: sweeps by folder and name.
+        words: that say where the sweeps lie.
+        made_by: see ``core.provenance.provenance``.
+
+    Raises:
+        StoreError: a sweep could not be run to its end.
+    """
+    sweeps = {folder: [trained(one) for one in asked.values()] for folder, asked in folders.items()}
+    for folder, own in sweeps.items():
+        shutil.rmtree(folder, ignore_errors=True)  # what each sweep wrote when it ended
+        for sweep in own:
+            write_results(sweep, words)
+        for pdf in (folder / "figures").glob("*.pdf"):
+            pdf.unlink()  # drawn again by `fl3d figures`
+        write_stamp(folder, own, made_by)
+
+
+def trained(asked: Words) -> FinishedSweep:
+    """A sweep, trained or reused.
+
+    Raises:
+        StoreError: it could not be run to its end.
+    """
+    train_sweep(asked.multirun, build(asked.multirun.sweeper, "hydra.sweeper"))
+    sweep = open_words(asked)
+    _check_finished(sweep)
+    return sweep
+
+
+def write_results(sweep: FinishedSweep, words: Sequence[str]) -> None:
+    """Write the tables and figures of a sweep into its results folder."""
+    find = feeding(sweep, words, None)
+    tables, _ = write_sweep(sweep, find, print)
+    made = Contributions(sweep)
+    judged = judge_sweep(sweep, contributions=made)
+    write_views(sweep, tables, judged, print, made)
+    write_still_tables(sweep)
+    draw_curves(sweep, made)
+    draw_papers(sweep, find)
