@@ -6,7 +6,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import as_completed
 from contextlib import suppress
 from dataclasses import dataclass
@@ -65,14 +65,16 @@ def contribution_jobs(
             yield Job(place, 1, _contribute, (trial.key, tuple(rules), curves))
 
 
-def window_jobs(place: int, sweep: FinishedSweep, wanted: Sequence[Place]) -> Iterator[Job]:
-    """Jobs for the checkpoints whose windows are missing."""
-    for group in missing_windows(sweep, wanted):
+def window_jobs(
+    place: int, sweep: FinishedSweep, wanted: Sequence[Place], whole: Collection[Place]
+) -> Iterator[Job]:
+    """Jobs for the checkpoints whose windows are missing; arguments as ``missing_windows``."""
+    for group in missing_windows(sweep, wanted, whole):
         n_jobs = -(-len(group) // AT_ONCE)
         n_jobs = max(n_jobs, min(cores(), len(group)))
         for number in range(n_jobs):
             own = group[number::n_jobs]
-            yield Job(place, len(own), make_windows, (own,))
+            yield Job(place, len(own), make_windows, (own, [one for one in own if one in whole]))
 
 
 def make_ahead(sweeps: Sequence[FinishedSweep], jobs: Iterable[Job]) -> None:
