@@ -150,7 +150,7 @@ def _run(sweep: FinishedSweep, places: Sequence[Place], whole: Collection[Place]
     device = (
         spec.machine.device if torch.cuda.is_available() else "cpu"
     )  # trained elsewhere, perhaps
-    frames = Frames(spec.kitti(sweep.kitti().root), spec.machine.val_ids, 0)
+    frames = Frames(spec.kitti(sweep.kitti().root), spec.machine.val_ids, spec.machine.cache_frames)
     detectors = [_load(folder, step, device) for folder, step in places]
     with multiplying(spec.settings.precision, device):
         return collect_windows(
