@@ -91,12 +91,17 @@ def make_ahead(sweeps: Sequence[FinishedSweep], jobs: Iterable[Job]) -> None:
     with (
         counted("what trials contribute", total, "part") as advance,
         suppress(*KILLED),
-        pool(min(cores(), len(todo)), _begin, (tuple(sweeps),)) as workers,
+        pool(min(cores(), len(todo)), _begin, (tuple(sweeps),), _modules(todo)) as workers,
     ):
         running = {workers.submit(_do, job): job for job in todo}
         for done in as_completed(running):
             done.result()
             advance(running[done].count)
+
+
+def _modules(jobs: Sequence[Job]) -> list[str]:
+    """Where what the jobs call is; with all that these modules import, torch above all."""
+    return sorted({__name__, *(job.run.__module__ for job in jobs)})
 
 
 _SWEEPS: tuple[FinishedSweep, ...] = ()  # of this worker
