@@ -22,8 +22,8 @@ Counts = NDArray[np.int32] | NDArray[np.int64]
 # With 1000, marks of four or five of 72 cells changed from one seed of the resampling to another.
 N_RESAMPLES = 10_000
 TAIL = 0.025  # of the intervals that are told, at either end
-# Resamples that are counted at once, side by side, so that one instruction counts many. For 5000 events each takes 1.0
-# us, with 16 at once 4.5, and alone 8.
+# Resamples that are counted at once, side by side, so that one instruction counts many: for 5000 events each takes 1.0
+# us, and 4.5 where they are 16.
 BLOCK = 128
 SHORT = np.iinfo(np.int32).max  # counts up to here are half as long
 
