@@ -1,6 +1,7 @@
 """Windows of several checkpoints, and of several frames at once, are those of each alone."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,15 @@ from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.base import Detector
 from fl3d.inference import windows
 from fl3d.inference.load import build_detector
-from fl3d.inference.windows import Windows, collect_windows, positives_of
+from fl3d.inference.windows import (
+    Place,
+    Windows,
+    collect_windows,
+    make_windows,
+    missing_windows,
+    positives_of,
+    windows_of,
+)
 from fl3d.papers.focal_loss import claims
 from fl3d.papers.focal_loss.concentration_claims import carried
 from fl3d.runs.layout import RunFolder
@@ -61,6 +70,54 @@ def test_negatives_are_sampled_of_each_batch_as_many_as_its_frames_may_have(
     assert len(found.negative) == 300
 
 
+def test_negatives_are_looked_at_where_they_are_wanted(simulated: Path) -> None:
+    folder = KittiFolder(simulated)
+    frames = Frames(folder, folder.split("train")[:3], 0)
+    networks = [network(0), network(1)]
+    whole = collect_windows(networks, frames)
+    found = collect_windows(networks, frames, with_negatives=[False, True])
+    for one, own in zip(found, whole, strict=True):
+        np.testing.assert_array_equal(one.positive, own.positive)
+    assert len(whole[0].negative) > 0
+    assert len(found[0].negative) == 0
+    np.testing.assert_array_equal(found[1].negative, whole[1].negative)
+
+
+def test_windows_are_kept_as_far_as_they_are_wanted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of each checkpoint the positives, of one the negatives too; who wants more finds it missing."""
+    asked: list[list[bool]] = []
+
+    def run(_: object, places: list[Place], whole: list[Place]) -> list[Windows]:
+        asked.append([one in whole for one in places])
+        return [Windows(np.float32([step]), np.float32([-step]), 3) for _, step in places]
+
+    monkeypatch.setattr(windows, "_run", run)
+    monkeypatch.setattr(windows, "made_of", lambda _, folder, step: {"step": step})
+    config = {"detector": "same", "schedule": {"batch_size": 1}}
+    spec = SimpleNamespace(stage=SimpleNamespace(config=config))
+    monkeypatch.setattr(windows, "read_spec", lambda _: spec)
+    sweep: Any = None
+    folder = RunFolder(tmp_path / "stages" / "key")
+    first, second = (folder, 8), (folder, 16)
+    both = [first, second]
+    assert missing_windows(sweep, [*both, first], [second]) == [both]
+    make_windows(sweep, both, [second])
+    assert not missing_windows(sweep, both, [second])
+    assert missing_windows(sweep, both, both) == [[first]]
+    assert sorted(path.name for path in (folder.path / "kept").iterdir()) == [
+        "00000008-positives.bin",
+        "00000016-positives.bin",
+        "00000016-windows.bin",
+    ]
+    assert positives_of(sweep, *first).tolist() == [8.0]
+    assert windows_of(sweep, *second).negative.tolist() == [-16.0]
+    assert asked == [[False, True]]
+    assert windows_of(sweep, *first).negative.tolist() == [-8.0]
+    assert asked[1:] == [[True]]
+
+
 def test_positives_are_kept_by_themselves_and_made_again_of_other_weights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -80,11 +137,14 @@ def test_positives_are_kept_by_themselves_and_made_again_of_other_weights(
     for _ in range(2):
         assert positives_of(sweep, folder, 8).tolist() == [1.5, 2.5]
     assert runs == ["a"]
-    folder.kept(8, "windows").unlink()  # what is not read is not missed
-    assert positives_of(sweep, folder, 8).tolist() == [1.5, 2.5]
     weights[0] = "b"
     assert positives_of(sweep, folder, 8).tolist() == [3.0, 5.0]
     assert runs == ["a", "b"]
+    assert not folder.kept(8, "windows").exists()
+    assert windows_of(sweep, folder, 8).negative.tolist() == [0.0] * 5
+    folder.kept(8, "positives").unlink()  # of kept windows they are read
+    assert positives_of(sweep, folder, 8).tolist() == [3.0, 5.0]
+    assert runs == ["a", "b", "b"]
 
 
 def test_who_carries_the_loss_is_kept_as_it_was_found(

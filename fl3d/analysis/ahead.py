@@ -6,7 +6,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import as_completed
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ from fl3d.core.processes import KILLED, cores, pool
 from fl3d.inference.windows import Place, make_windows, missing_windows
 from fl3d.runs.finished import FinishedSweep
 
-# Networks that share a pass over the frames. Reading and encoding a frame is a quarter of what a network of profile
-# quick takes for it (8 of 27 and 33 ms, 3D-FCN and VoxelNet); of eight networks each bears a thirtieth. More would only
-# let a worker that has nothing left wait longer for the other.
-AT_ONCE = 8
+# Networks that share a pass over the frames. To read and encode a frame takes as long as a network of profile quick
+# takes for it, or half as long (7 ms, beside 7 and 13 of 3D-FCN and VoxelNet); of sixteen networks each bears a
+# sixteenth. More would only let a worker that has nothing left wait longer for the other.
+AT_ONCE = 16
 # Trials and networks below which starting workers, which load torch first, does not pay.
 FEW = 8
 
@@ -65,14 +65,16 @@ def contribution_jobs(
             yield Job(place, 1, _contribute, (trial.key, tuple(rules), curves))
 
 
-def window_jobs(place: int, sweep: FinishedSweep, wanted: Sequence[Place]) -> Iterator[Job]:
-    """Jobs for the checkpoints whose windows are missing."""
-    for group in missing_windows(sweep, wanted):
+def window_jobs(
+    place: int, sweep: FinishedSweep, wanted: Sequence[Place], whole: Collection[Place]
+) -> Iterator[Job]:
+    """Jobs for the checkpoints whose windows are missing; arguments as ``missing_windows``."""
+    for group in missing_windows(sweep, wanted, whole):
         n_jobs = -(-len(group) // AT_ONCE)
         n_jobs = max(n_jobs, min(cores(), len(group)))
         for number in range(n_jobs):
             own = group[number::n_jobs]
-            yield Job(place, len(own), make_windows, (own,))
+            yield Job(place, len(own), make_windows, (own, [one for one in own if one in whole]))
 
 
 def make_ahead(sweeps: Sequence[FinishedSweep], jobs: Iterable[Job]) -> None:
@@ -89,12 +91,17 @@ def make_ahead(sweeps: Sequence[FinishedSweep], jobs: Iterable[Job]) -> None:
     with (
         counted("what trials contribute", total, "part") as advance,
         suppress(*KILLED),
-        pool(min(cores(), len(todo)), _begin, (tuple(sweeps),)) as workers,
+        pool(min(cores(), len(todo)), _begin, (tuple(sweeps),), _modules(todo)) as workers,
     ):
         running = {workers.submit(_do, job): job for job in todo}
         for done in as_completed(running):
             done.result()
             advance(running[done].count)
+
+
+def _modules(jobs: Sequence[Job]) -> list[str]:
+    """Where what the jobs call is; with all that these modules import, torch above all."""
+    return sorted({__name__, *(job.run.__module__ for job in jobs)})
 
 
 _SWEEPS: tuple[FinishedSweep, ...] = ()  # of this worker

@@ -16,7 +16,7 @@ from fl3d.analysis.split_halves import halved
 from fl3d.core.digests import file_digest
 from fl3d.core.errors import DataError
 from fl3d.data.label_table import LabelTable
-from fl3d.evaluation.average_precision import Comparison, Curve, compare
+from fl3d.evaluation.average_precision import Comparison, Curve
 from fl3d.evaluation.bootstrap import N_RESAMPLES
 from fl3d.evaluation.detections import compare_stored
 from fl3d.runs.finished import FinishedSweep
@@ -32,7 +32,6 @@ CODE = (
 CUTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 CELL = ("3d", "moderate")  # of curves
 COUNTED = ("3d", "hard")  # of boxes that are hits: every ground truth that counts at all
-POSTERIORS = "posteriors"
 
 
 @dataclass(frozen=True)
@@ -129,16 +128,15 @@ class Contributions:
             hits = [found.hit_scores for found in matched]
             return {"boxes": np.concatenate(own), "hits": np.concatenate(hits)}
 
-        found = self._kept(trial, trial.last_step, POSTERIORS, make)
+        found = self._kept(trial, trial.last_step, "posteriors", make)
         return Posteriors(found["boxes"], found["hits"])
 
-    def lacks_posteriors(self, trial: FinishedTrial) -> bool:
-        """Whether these are not kept."""
-        return not is_kept(*self._place(trial, trial.last_step, POSTERIORS))
-
     def _cut(self, trial: FinishedTrial) -> Float:
-        protocol = replace(self.sweep.protocol, score_threshold=min(CUTS))
-        compared = compare_stored(self.sweep.detections(trial), self.sweep.validation, protocol)
+        uncut = replace(self.sweep.protocol, score_threshold=min(CUTS))
+        if uncut == self.sweep.protocol:
+            compared = self._compared(trial, trial.last_step)
+        else:
+            compared = compare_stored(self.sweep.detections(trial), self.sweep.validation, uncut)
         left = [self._curves(above_cut(compared, cut)) for cut in CUTS]
         return np.array([np.mean([one.ap_r11 for one in curves]) for curves in left])
 
@@ -183,6 +181,7 @@ class Contributions:
         """
         for rule in rules:
             self.resampled(trial, self._step(trial, rule))
+        self.posteriors(trial)  # hardly any work beside what they are held against
         if curves:
             self.precision(trial)
             self.at_cuts(trial)
@@ -193,7 +192,7 @@ class Contributions:
     ) -> Iterator[tuple[FinishedTrial, int, str]]:
         for rule in rules:
             yield trial, self._step(trial, rule), "resampled"
-        for name in ("precision", "cuts", "halves") if curves else ():
+        for name in ("posteriors", *(("precision", "cuts", "halves") if curves else ())):
             yield trial, trial.last_step, name
 
     def _step(self, trial: FinishedTrial, rule: str) -> int:
@@ -267,6 +266,9 @@ def above_cut(compared: Comparison, cut: float) -> Comparison:
     det = compared.det
     above = det.scores >= (cut if cut > 0 else -np.inf)
     before = np.concatenate([[0], np.cumsum(above)]).astype(np.int64)  # boxes left before each
-    left = LabelTable(before[det.offsets], det.types[above], det.values[above], det.others)
-    protocol = replace(compared.protocol, score_threshold=cut)
-    return compare(compared.gt, left, protocol, compared.beyond, compared.points)
+    return replace(
+        compared,
+        det=LabelTable(before[det.offsets], det.types[above], det.values[above], det.others),
+        protocol=replace(compared.protocol, score_threshold=cut),
+        overlaps=compared.overlaps.of(above),
+    )

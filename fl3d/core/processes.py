@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing as mp
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -24,7 +24,10 @@ def cores() -> int:
 
 @contextmanager
 def pool(
-    workers: int, begin: Callable[..., object] | None = None, given: tuple[Any, ...] = ()
+    workers: int,
+    begin: Callable[..., object] | None = None,
+    given: tuple[Any, ...] = (),
+    loaded: Sequence[str] = (),
 ) -> Iterator[ProcessPoolExecutor]:
     """Processes that take what is submitted to them; where the block ends by an exception they are ended at once.
 
@@ -32,9 +35,11 @@ def pool(
         workers: how many.
         begin: called in each when it starts.
         given: to ``begin``.
+        loaded: modules that the server of the workers loads once for all, where it does not run yet.
     """
     before = set(mp.active_children())
     context = mp.get_context("forkserver")
+    context.set_forkserver_preload(["__main__", *loaded])
     with deaf_children():
         forkserver.ensure_running()
     executor = ProcessPoolExecutor(

@@ -124,12 +124,21 @@ class RPN(nn.Module):
 
     def forward(self, bev: Map) -> tuple[Tensor, Tensor]:
         """(B, C, H, W), or a map -> logits (B, H/2 * W/2 * 2) and residuals (B, H/2 * W/2 * 2, 7), of one class."""
+        features = self.features(bev)
+        logits = self.logits(features)
+        with unlowered(features):
+            residuals = self.reg(features).movedim(1, -1).reshape(len(features), -1, 7)
+        return logits, residuals
+
+    def features(self, bev: Map) -> Tensor:
+        """What both heads read, (B, C', H/2, W/2)."""
         raised = []
         for block, deconv in zip(self.blocks, self.deconvs, strict=True):
             bev = block(bev)
             raised.append(dense_bev(deconv(bev)))
-        features = torch.cat(raised[::-1], dim=1).to(self.prob.weight.dtype)
+        return torch.cat(raised[::-1], dim=1).to(self.prob.weight.dtype)
+
+    def logits(self, features: Tensor) -> Tensor:
+        """Of all anchors, (B, A)."""
         with unlowered(features):  # scores of three digits would tie
-            logits = self.prob(features).movedim(1, -1).flatten(1)
-            residuals = self.reg(features).movedim(1, -1).reshape(len(features), -1, 7)
-        return logits, residuals
+            return self.prob(features).movedim(1, -1).flatten(1)

@@ -37,6 +37,7 @@ from fl3d.losses import DetectionLoss
 from fl3d.sparse.background import BackgroundMap
 from fl3d.sparse.functions import unlowered
 from fl3d.sparse.layers import BatchNorm3d, Conv3d, lay_out
+from fl3d.sparse.norms import Map
 from fl3d.sparse.rulebook import voxel_layout
 
 ACROSS = {"cube": 3, "column": 1}  # width of the middle layers' kernels along y and x
@@ -220,6 +221,11 @@ class VoxelNet(Detector):
 
     def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Logits (B, A) and residuals (B, A, 7) of all anchors."""
+        logits, residuals = self.rpn(self._from_above(batch))
+        return logits, residuals
+
+    def _from_above(self, batch: Batch) -> Map:
+        """What the RPN reads."""
         rows = batch["rows"].to(self.rpn.prob.weight.dtype)
         with unlowered(rows):  # bfloat16 knows a place at 70 m to half a metre
             voxels = self.feature_net(rows, batch["lengths"], batch.get("mask"))
@@ -229,10 +235,7 @@ class VoxelNet(Detector):
             features = self.middle(
                 scatter_dense(voxels, batch["cells"], (int(batch["size"]), *self.grid.shape))
             )
-        logits, residuals = self.rpn(
-            features.flatten(1, 2) if isinstance(features, Tensor) else features
-        )
-        return logits, residuals
+        return features.flatten(1, 2) if isinstance(features, Tensor) else features
 
     def loss(self, batch: Batch) -> Mapping[str, Tensor]:
         """Eq. 7-11 over matched anchors; those between the two overlaps count for nothing."""
@@ -245,8 +248,8 @@ class VoxelNet(Detector):
         }
 
     def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Logits of positive and of negative anchors."""
-        logits, _ = self(batch)
+        """Logits of positive and of negative anchors; where boxes lie is not asked."""
+        logits = self.rpn.logits(self.rpn.features(self._from_above(batch)))
         b, a = batch["positive"].unbind(1)
         return logits[b, a], logits[batch["negative"]]
 

@@ -56,13 +56,20 @@ class Detections(StoredDetections):
 
     def of(self, index: int) -> tuple[Float, Float, Float | None, NDArray[np.str_] | None]:
         """Boxes, scores, 2D boxes and classes of one frame."""
-        rows = self.frame == index
+        order, starts = self._by_frame
+        rows = order[starts[index] : starts[index + 1]]
         return (
             self.boxes_velo[rows],
             self.scores[rows],
             None if self.boxes_image is None else self.boxes_image[rows],
             None if self.types is None else self.types[rows],
         )
+
+    @cached_property
+    def _by_frame(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows frame by frame, (N,), and where those of each frame begin, (F + 1,)."""
+        order = np.argsort(self.frame, kind="stable")
+        return order, np.searchsorted(self.frame[order], np.arange(len(self.frame_ids) + 1))
 
     def labels_of(
         self,
@@ -161,6 +168,27 @@ class Validation:
             boxes = self.calibrations[index].boxes_to_velo(labels.boxes_cam)
             counts.append(count_points_inside(points, boxes))
         return np.concatenate(counts)
+
+    @cached_property
+    def table(self) -> LabelTable:
+        """All labels."""
+        return table_from_labels(self.labels)
+
+    @cached_property
+    def places_velo(self) -> NDArray[np.float64]:
+        """Where each label stands, frame by frame: (G, 3)."""
+        places = [np.zeros((0, 3))]
+        for labels, calibration in zip(self.labels, self.calibrations, strict=True):
+            places.append(calibration.points_to_velo(labels.boxes_cam[:, :3]))
+        return np.concatenate(places)
+
+    def beyond(self, protocol: Protocol) -> NDArray[np.bool_]:
+        """Which labels lie outside the protocol's area, frame by frame: (G,)."""
+        x, y = self.places_velo[:, 0], self.places_velo[:, 1]
+        if protocol.ignore_beyond is None:
+            return np.zeros(len(x), dtype=bool)
+        x0, y0, x1, y1 = protocol.ignore_beyond
+        return ~((x >= x0) & (x < x1) & (y >= y0) & (y < y1))
 
     @cached_property
     def digest(self) -> str:
@@ -280,12 +308,8 @@ def ground_truths(
     Raises:
         DataError: a cloud cannot be read.
     """
-    beyond = [
-        _beyond(labels, calibration, protocol)
-        for labels, calibration in zip(validation.labels, validation.calibrations, strict=True)
-    ]
     points = validation.points if protocol.difficulty == "points" else None
-    return table_from_labels(validation.labels), np.concatenate(beyond), points
+    return validation.table, validation.beyond(protocol), points
 
 
 def score(
@@ -334,22 +358,11 @@ def _objects_and_boxes(
 ) -> list[tuple[Float, Float]]:
     """Of each frame all objects of a class within the protocol's area, of any difficulty, and all stored boxes."""
     found = []
+    beyond = np.split(validation.beyond(protocol), validation.table.offsets[1:-1])
     for index, (labels, calibration) in enumerate(
         zip(validation.labels, validation.calibrations, strict=True)
     ):
-        own = (labels.types == name) & ~_beyond(labels, calibration, protocol)
+        own = (labels.types == name) & ~beyond[index]
         objects = calibration.boxes_to_velo(labels.boxes_cam[own])
         found.append((objects, detections.boxes_of(index, name, calibration)))
     return found
-
-
-def _beyond(labels: Labels, calibration: Calibration, protocol: Protocol) -> NDArray[np.bool_]:
-    """Which ground truths lie outside the protocol's area: (G,)."""
-    if protocol.ignore_beyond is None:
-        return np.zeros(len(labels), dtype=bool)
-    x0, y0, x1, y1 = protocol.ignore_beyond
-    centers = calibration.points_to_velo(labels.boxes_cam[:, :3])
-    inside = (
-        (centers[:, 0] >= x0) & (centers[:, 0] < x1) & (centers[:, 1] >= y0) & (centers[:, 1] < y1)
-    )
-    return ~inside

@@ -254,6 +254,34 @@ def match_frames(
 
 
 @numba.njit(cache=True)
+def hits_at_recalls(n_gt: int) -> NDArray[np.int64]:
+    """Which hits recall is nearest to 0, 1/40, 2/40, ... at: their places among all hits, the best first, (41,).
+
+    Whoever has fewer hits stops at the last one.
+
+    Args:
+        n_gt: ground truths that count; not 0.
+    """
+    found = np.empty(41, dtype=np.int64)
+    first = 0
+    wanted = 0.0
+    for n in range(41):
+        # The official loop skips hit i while recall after i + 1 is nearer to what is wanted than after i; once that
+        # is false it stays false, and it is where all are found, so the first hit that stays is found by halving.
+        low, high = first, max(first, n_gt - 1)
+        while low < high:
+            middle = (low + high) // 2
+            if (middle + 2) / n_gt - wanted < wanted - (middle + 1) / n_gt:
+                low = middle + 1
+            else:
+                high = middle
+        found[n] = low
+        wanted += 1.0 / 40.0
+        first = low + 1
+    return found
+
+
+@numba.njit(cache=True)
 def recall_thresholds(scores: Float, repeats: Int, n_gt: int) -> NDArray[np.float64]:
     """Scores at which recall is nearest to 0, 1/40, 2/40, ...
 
@@ -263,22 +291,14 @@ def recall_thresholds(scores: Float, repeats: Int, n_gt: int) -> NDArray[np.floa
         n_gt: ground truths that count.
     """
     ends = np.cumsum(repeats)  # how many hits stand above each score, itself included
-    total = ends[-1] if len(ends) else 0
+    last = (ends[-1] if len(ends) else 0) - 1
+    if last < 0:
+        return np.empty(0)
     kept = np.empty(41)
-    n = first = 0
-    wanted = 0.0
-    while first < total and n < 41:
-        # The official loop skips hit i while recall after i + 1 is nearer to what is wanted than after i; once that
-        # is false it stays false, so the first hit that is not skipped is found by halving.
-        low, high = first, total - 1
-        while low < high:
-            middle = (low + high) // 2
-            if (middle + 2) / n_gt - wanted < wanted - (middle + 1) / n_gt:
-                low = middle + 1
-            else:
-                high = middle
-        kept[n] = scores[np.searchsorted(ends, low, side="right")]
+    n = 0
+    for hit in hits_at_recalls(n_gt):
+        kept[n] = scores[np.searchsorted(ends, min(hit, last), side="right")]
         n += 1
-        wanted += 1.0 / 40.0
-        first = low + 1
+        if hit >= last:
+            break
     return kept[:n].copy()

@@ -33,6 +33,15 @@ class Overlaps:
     values: Float
     dontcare: Float
 
+    def of(self, chosen: NDArray[np.bool_]) -> Overlaps:
+        """Those of some of the detections, (D,), as if there were no others."""
+        kept = chosen[self.detection]
+        before = np.concatenate([[0], np.cumsum(kept)]).astype(np.int64)  # pairs left before each
+        number = np.cumsum(chosen) - 1
+        left = np.ascontiguousarray(self.values[:, kept])
+        detection = number[self.detection[kept]].astype(np.int64)
+        return Overlaps(before[self.offsets], detection, left, self.dontcare[chosen])
+
 
 def find_overlaps(gt: LabelTable, det: LabelTable) -> Overlaps:
     """Overlaps of tables of the same frames."""

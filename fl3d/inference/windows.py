@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -61,13 +61,13 @@ def windows_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> Windows:
     found = kept(
         folder.kept(step, "windows"),
         made_of(sweep, folder, step),
-        lambda: _as_arrays(_run(sweep, [(folder, step)])[0]),
+        lambda: _as_arrays(_run(sweep, [(folder, step)], [(folder, step)])[0]),
     )
     return Windows(found["positive"], found["negative"], int(found["frames"]))
 
 
 def positives_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> NDArray[np.float32]:
-    """Logits of a checkpoint's positive windows, (P,); the negatives, of which there are many more, stay unread.
+    """Logits of a checkpoint's positive windows, (P,); the negatives, of which there are many more, are not kept.
 
     Args:
         sweep: see ``windows_of``.
@@ -78,35 +78,50 @@ def positives_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> NDArray[
         CheckpointError: likewise.
         DataError: likewise.
     """
-    found = kept(
-        folder.kept(step, "positives"),
-        made_of(sweep, folder, step),
-        lambda: {"positive": windows_of(sweep, folder, step).positive},
-    )
-    return found["positive"]
+    own = made_of(sweep, folder, step)
+
+    def make() -> Arrays:
+        if is_kept(folder.kept(step, "windows"), own):
+            return {"positive": windows_of(sweep, folder, step).positive}
+        return {"positive": _run(sweep, [(folder, step)], ())[0].positive}
+
+    return kept(folder.kept(step, "positives"), own, make)["positive"]
 
 
-def make_windows(sweep: FinishedSweep, places: Sequence[Place]) -> None:
+def make_windows(sweep: FinishedSweep, places: Sequence[Place], whole: Collection[Place]) -> None:
     """Make and keep the windows of some checkpoints whose networks read a frame alike, in one pass over the frames.
 
     Args:
         sweep: whose frames they are of.
-        places: checkpoints of one of the groups of ``missing_windows``.
+        places: checkpoints of one of the groups of ``missing_windows``; their positives are kept.
+        whole: those of them whose negatives are kept too.
 
     Raises:
         CheckpointError: the weights cannot be read.
         DataError: the frames are not there.
     """
-    for (folder, step), found in zip(places, _run(sweep, places), strict=True):
-        made = partial(_as_arrays, found)
-        kept(folder.kept(step, "windows"), made_of(sweep, folder, step), made)
+    for (folder, step), found in zip(places, _run(sweep, places, whole), strict=True):
+        own, arrays = made_of(sweep, folder, step), _as_arrays(found)
+        if (folder, step) in whole:
+            kept(folder.kept(step, "windows"), own, partial(dict, arrays))
+        kept(folder.kept(step, "positives"), own, partial(dict, positive=arrays["positive"]))
 
 
-def missing_windows(sweep: FinishedSweep, places: Sequence[Place]) -> list[list[Place]]:
-    """Those of some checkpoints whose windows are not kept, by what their networks read of a frame."""
+def missing_windows(
+    sweep: FinishedSweep, places: Sequence[Place], whole: Collection[Place]
+) -> list[list[Place]]:
+    """Those of some checkpoints whose windows are not kept, by what their networks read of a frame.
+
+    Args:
+        sweep: whose frames they are of.
+        places: checkpoints whose positives are wanted.
+        whole: those of them whose negatives are wanted too.
+    """
     groups: dict[str, list[Place]] = {}
     for folder, step in dict.fromkeys(places):
-        if not is_kept(folder.kept(step, "windows"), made_of(sweep, folder, step)):
+        own = made_of(sweep, folder, step)
+        names = ("positives", *(["windows"] if (folder, step) in whole else []))
+        if not all(is_kept(folder.kept(step, name), own) for name in names):
             config = read_spec(folder).stage.config
             read = {key: config.get(key) for key in ("detector", "data", "precision")}
             read |= {"batch_size": config["schedule"]["batch_size"]}
@@ -130,15 +145,21 @@ def made_of(sweep: FinishedSweep, folder: RunFolder, step: int) -> Mapping[str, 
     }
 
 
-def _run(sweep: FinishedSweep, places: Sequence[Place]) -> list[Windows]:
+def _run(sweep: FinishedSweep, places: Sequence[Place], whole: Collection[Place]) -> list[Windows]:
     spec = read_spec(places[0][0])
     device = (
         spec.machine.device if torch.cuda.is_available() else "cpu"
     )  # trained elsewhere, perhaps
-    frames = Frames(spec.kitti(sweep.kitti().root), spec.machine.val_ids, 0)
+    frames = Frames(spec.kitti(sweep.kitti().root), spec.machine.val_ids, spec.machine.cache_frames)
     detectors = [_load(folder, step, device) for folder, step in places]
     with multiplying(spec.settings.precision, device):
-        return collect_windows(detectors, frames, device, spec.settings.batch_size)
+        return collect_windows(
+            detectors,
+            frames,
+            device,
+            spec.settings.batch_size,
+            with_negatives=[place in whole for place in places],
+        )
 
 
 def _load(folder: RunFolder, step: int, device: str) -> Detector:
@@ -162,6 +183,7 @@ def collect_windows(
     batch_size: int = 1,
     most_positive: int = POSITIVES,
     most_negative: int = NEGATIVES,
+    with_negatives: Sequence[bool] | None = None,
 ) -> list[Windows]:
     """Run detectors in evaluation mode; each frame is encoded once for all.
 
@@ -173,7 +195,9 @@ def collect_windows(
             as long for each frame of 3D-FCN where it has but one (53 and 7 ms, profile quick).
         most_positive: sampled of all there are.
         most_negative: sampled, of each batch an equal number for each of its frames at most.
+        with_negatives: of which networks negatives are looked at, the others have none; None: of all.
     """
+    wanted = with_negatives or [True] * len(detectors)
     limit = -(-most_negative // max(1, len(frames)))
     positives: list[list[NDArray[np.float32]]] = [[] for _ in detectors]
     negatives: list[list[NDArray[np.float32]]] = [[] for _ in detectors]
@@ -189,19 +213,24 @@ def collect_windows(
         ]
         batch = to_device(first.collate(encoded), device)
         for place, detector in enumerate(detectors):
-            found = (logits.float().cpu().numpy() for logits in detector.windows(dict(batch)))
-            positive, negative = found
-            positives[place].append(positive)
-            rng = copy.deepcopy(generators[0])
-            negatives[place].append(_sample(negative, limit * len(own), rng))
+            positive, negative = detector.windows(dict(batch))
+            positives[place].append(_numbers(positive))
+            if wanted[place]:
+                rng = copy.deepcopy(generators[0])
+                negatives[place].append(_sample(_numbers(negative), limit * len(own), rng))
     return [
         Windows(
             _sample(np.concatenate(met), most_positive, np.random.default_rng(0)),
-            np.concatenate(others),
+            np.concatenate(others or [np.zeros(0, dtype=np.float32)]),
             len(frames),
         )
         for met, others in zip(positives, negatives, strict=True)
     ]
+
+
+def _numbers(logits: torch.Tensor) -> NDArray[np.float32]:
+    found: NDArray[np.float32] = logits.float().cpu().numpy()
+    return found
 
 
 def _sample(

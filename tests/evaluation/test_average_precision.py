@@ -1,5 +1,7 @@
 """KITTI's rules by hand arithmetic; the numbers in the names are those of the official evaluator's logic."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,7 @@ from fl3d.data.label_table import table_from_labels
 from fl3d.data.labels import Labels, labels_from_columns
 from fl3d.evaluation.average_precision import Curve, Curves, as_json, compare
 from fl3d.evaluation.average_precision import evaluate as evaluate_comparison
-from fl3d.evaluation.matching import recall_thresholds
+from fl3d.evaluation.matching import hits_at_recalls, recall_thresholds
 from fl3d.evaluation.protocol import Protocol
 
 Row = tuple[str, list[float]]
@@ -144,6 +146,20 @@ def test_rule_5_thresholds_follow_recall_in_steps_of_a_fortieth() -> None:
     assert len(thresholds) == 41
     assert thresholds[0] == scores[0]
     assert thresholds[-1] == scores[-1]
+
+
+@pytest.mark.parametrize(
+    ("n_gt", "hits"),
+    [
+        (1, range(41)),  # whoever has one hit stops at the first
+        (40, range(41)),
+        (80, [0, *range(1, 80, 2)]),
+        (120, [0, *range(2, 120, 3)]),
+    ],
+)
+def test_rule_5_by_hand(n_gt: int, hits: Sequence[int]) -> None:
+    """Hit 0 stands for recall 0; a later one is passed over while the next brings recall nearer to the step."""
+    assert hits_at_recalls(n_gt).tolist() == list(hits)
 
 
 def test_rule_6_precision_is_made_monotone_from_the_right() -> None:

@@ -1,13 +1,16 @@
 """How an AP moves when frames, or drives, are drawn again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from fl3d.data.label_table import LabelTable
 from fl3d.data.labels import Labels
+from fl3d.evaluation import bootstrap
 from fl3d.evaluation.average_precision import Comparison, compare, curve_of
-from fl3d.evaluation.bootstrap import resampled_aps, unit_weights, widened
+from fl3d.evaluation.bootstrap import BLOCK, resampled_aps, unit_weights, widened
 from fl3d.evaluation.matching import Int
 from fl3d.evaluation.overlaps import find_overlaps
 from fl3d.evaluation.recall import recall
@@ -47,6 +50,41 @@ def test_a_weighted_ap_is_the_ap_of_the_resampled_frames(seed: int) -> None:
         for row, weight in zip(fast, weights, strict=True):
             chosen = np.repeat(np.arange(len(gt)), weight)
             assert row.tolist() == pytest.approx(aps_of(gt, det, chosen, level), rel=1e-12)
+
+
+@pytest.mark.parametrize("digits", [1, 9])
+def test_many_resamples_at_once_are_those_of_each_alone(digits: int) -> None:
+    """More than are counted at once, and no multiple of it; with one digit most scores tie."""
+    gt, det = scene(8)
+    det = [replace(one, scores=np.round(one.scores, digits)) for one in det]
+    whole = comparison(gt, det)
+    matches = whole.matches("Car", "3d", "moderate")
+    weights = unit_weights(len(gt), 2 * BLOCK + 5)
+    found = resampled_aps(matches, weights)
+    for number, weight in enumerate(weights):
+        alone = resampled_aps(matches, weights[number : number + 1])
+        assert found[number].tolist() == alone[0].tolist()
+        chosen = np.repeat(np.arange(len(gt)), weight)
+        assert found[number].tolist() == pytest.approx(
+            aps_of(gt, det, chosen, "moderate"), rel=1e-12
+        )
+    assert len(np.unique(found)) > BLOCK
+
+
+def test_counts_too_long_for_short_numbers_are_counted_in_long_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    matches = comparison(*scene(11)).matches("Car", "3d", "moderate")
+    weights = unit_weights(40, 9)
+    short = resampled_aps(matches, weights)
+    monkeypatch.setattr(bootstrap, "SHORT", 0)
+    assert resampled_aps(matches, weights).tolist() == short.tolist()
+
+
+def test_without_detections_all_resamples_are_0() -> None:
+    gt, det = scene(9)
+    matches = comparison(gt, [EMPTY for _ in det]).matches("Car", "3d", "hard")
+    assert not resampled_aps(matches, unit_weights(len(gt), BLOCK + 1)).any()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -149,6 +187,17 @@ def test_pairing_makes_a_difference_surer_than_other_frames_for_each_side(seed: 
 def width(draws: NDArray[np.float64]) -> float:
     low, high = np.percentile(draws, [2.5, 97.5])
     return float(high - low)
+
+
+def test_overlaps_of_some_detections_are_those_without_the_others() -> None:
+    gt, det = (table_from_labels(side) for side in scene(10))
+    chosen = np.random.default_rng(10).random(len(det.types)) < 0.6
+    before = np.concatenate([[0], np.cumsum(chosen)])
+    left = LabelTable(before[det.offsets], det.types[chosen], det.values[chosen])
+    found, alone = find_overlaps(gt, det).of(chosen), find_overlaps(gt, left)
+    assert 0 < len(alone.detection) < len(find_overlaps(gt, det).detection)
+    for name, values in vars(alone).items():
+        np.testing.assert_array_equal(getattr(found, name), values)
 
 
 def test_recall_by_hand() -> None:

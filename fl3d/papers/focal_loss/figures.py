@@ -81,18 +81,16 @@ def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
 
 
 def jobs(place: int, sweep: FinishedSweep) -> Iterator[Job]:
-    """Windows and boxes that figures and claims need, and positives by height, as far as they are not kept.
+    """Windows that figures and claims need, and positives by height, as far as they are not kept.
 
     Args:
         place: of the sweep.
         sweep: its run folders must be at hand.
     """
     if _is_drawn(sweep):
-        yield from window_jobs(place, sweep, _windows(sweep))
-        made = Contributions(sweep)
-        for trial in sweep.trials:
-            if made.lacks_posteriors(trial):
-                yield Job(place, 1, _make_boxes, (trial.key,))
+        best = _best_places(sweep)
+        last = [(trial.folder, trial.last_step) for trial in sweep.trials]
+        yield from window_jobs(place, sweep, [*last, *best], best)
         if not is_kept(*_counted(sweep)):
             yield Job(place, 1, _positives_by_height)
         for detector in dict.fromkeys(detector for detector, *_ in _best(sweep)):
@@ -105,9 +103,9 @@ def _is_drawn(sweep: FinishedSweep) -> bool:
     return is_over_gamma(sweep) and any(trial.detector in LAST_TABLES for trial in sweep.trials)
 
 
-def _windows(sweep: FinishedSweep) -> list[Place]:
-    """Checkpoints whose windows are looked at: all last ones, and the best focal models of all seeds."""
-    places = [(trial.folder, trial.last_step) for trial in sweep.trials]
+def _best_places(sweep: FinishedSweep) -> list[Place]:
+    """Checkpoints whose negative windows are looked at too: the best focal models, of all seeds."""
+    places: list[Place] = []
     chosen = with_values(sweep, sweep.select(BEST_OWN_MODELS.rule), {"gamma": GAMMA})
     for detector, _, _, gamma in _best(sweep):
         is_own = (chosen["detector"] == detector) & (chosen["gamma"].astype(float) == gamma)
@@ -138,10 +136,6 @@ def posteriors_of(
         yield trial, BOXES, boxes.boxes
         yield trial, HITS, boxes.hits
         yield trial, WINDOWS, 1 / (1 + np.exp(-logits))
-
-
-def _make_boxes(sweep: FinishedSweep, key: str) -> None:
-    Contributions(sweep).posteriors(sweep.trial(key))
 
 
 def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
