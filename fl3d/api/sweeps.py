@@ -19,6 +19,7 @@ from fl3d.config.objects import build
 from fl3d.config.overrides import parse
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
+from fl3d.core.processes import without_main
 from fl3d.papers.drawings import curve_figures, score_figures, verdict_figures
 from fl3d.runs import opening
 from fl3d.runs.drawn import ToDraw
@@ -145,6 +146,7 @@ def open_sweep(*words: str) -> Sweep:
     return Sweep(open_words(read_words(_spelled(words))))
 
 
+@without_main()
 def run(*words: str, say: Callable[[str], None] = print) -> Sweep:
     """Train, score and tabulate a sweep or a single trial: ``fl3d -m WORDS``; what is done is reused.
 
