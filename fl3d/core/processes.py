@@ -31,7 +31,9 @@ def without_main() -> Iterator[None]:
     without that line, such as a few calls of fl3d's, would start itself over and over.
     """
     own = sys.modules["__main__"]
-    kept = {name: own.__dict__[name] for name in ("__spec__", "__file__") if name in own.__dict__}
+    kept: dict[str, Any] = {
+        name: own.__dict__[name] for name in ("__spec__", "__file__") if name in own.__dict__
+    }
     own.__spec__ = None
     own.__dict__.pop("__file__", None)
     try:
