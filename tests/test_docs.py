@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
@@ -125,6 +126,13 @@ def test_what_machines_check_is_make_check_and_make_test() -> None:
     (job,) = ci["jobs"].values()
     assert job["strategy"]["matrix"]["target"] == ["check", "test"]
     assert [step["run"] for step in job["steps"] if "run" in step] == ["make ${{ matrix.target }}"]
-    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
+    for action in (step["with"] for step in job["steps"] if "with" in step):
+        assert (ROOT / action["cache-dependency-path"]).is_file()
+        lowest = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"]
+        assert lowest == f">={action['python-version']}"
+    config = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())
+    hooks = config["repos"][0]["hooks"]
     assert [hook["entry"] for hook in hooks] == ["make check", "make test"]
+    assert [hook["stages"] for hook in hooks] == [["pre-commit"], ["pre-push"]]
+    assert config["default_install_hook_types"] == ["pre-commit", "pre-push"]
     assert {"check", "test"} <= set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M))

@@ -12,6 +12,7 @@ import venv
 from pathlib import Path
 
 import pytest
+import yaml
 
 import fl3d
 from fl3d.core.errors import ConfigError, NotInstalled
@@ -139,11 +140,29 @@ def test_compare_loads_nothing_of_the_extras() -> None:
 
 
 def test_the_version_is_one() -> None:
-    assert f"\nversion: {fl3d.__version__}\n" in (ROOT / "CITATION.cff").read_text()
-    headings = re.findall(r"^## (\S+?)[,\s]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
-    assert headings[0] == fl3d.__version__
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == fl3d.__version__
+    newest = re.findall(r"^## (.+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[0]
+    version, _, released = newest.partition(", ")
+    assert version == fl3d.__version__
+    # A date once it is released, and the same one in both.
+    assert released == str(citation.get("date-released", "not released yet"))
     assert "version" not in project()
     assert (PACKAGE / "py.typed").exists()
+
+
+def test_the_citation_keeps_the_rules_of_its_format() -> None:
+    """Citation File Format 1.2.0: a misspelt key, or an author who is neither a person nor a group, is an error."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["cff-version"] == "1.2.0"
+    assert {"authors", "message", "title"} <= set(citation)
+    others = {"license", "references", "type", "version", "date-released"}
+    assert set(citation) <= {"authors", "cff-version", "message", "title"} | others
+    assert citation["license"] == project()["license"]
+    for work in (citation, *citation["references"]):
+        assert {"authors", "title", "type"} <= set(work)
+        for author in work["authors"]:  # a group has a name alone
+            assert set(author) in ({"name"}, {"family-names", "given-names"}), author
 
 
 def test_extras_are_those_of_the_project() -> None:

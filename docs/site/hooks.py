@@ -22,7 +22,7 @@ SHOWN = (
     *("benchmarks/README.md", "benchmarks/*.png"),
     *("results/README.md", "results/*/figures/*.png"),
     *("conf/*/*.yaml", "conf/hydra/launcher/*.yaml", "sweeps/*.yaml"),
-    *("examples/*/*.py", "examples/*/*/*.yaml"),
+    *("examples/*.ipynb", "examples/*/*.py", "examples/*/*/*.yaml"),
 )
 STYLE = "docs/site/extra.css"
 MARK = re.compile(r"<!-- generated: (\w+) -->")

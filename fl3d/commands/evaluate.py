@@ -26,8 +26,8 @@ what is printed where:
 protocols:
   kitti (today's practice), kitti_loose, paper, paper_strict and report follow KITTI's official
   evaluator: an object counts by its height in the picture, its occlusion and its truncation.
-  lidar is fl3d's own and not to be held against KITTI's numbers: for labels without 2D boxes, and
-  for objects all around the sensor. It has no image metric; easy, moderate and hard are objects up
+  lidar is fl3d's own, and its numbers cannot be compared with KITTI's: for labels without 2D boxes,
+  and for objects all around the sensor. It has no image metric; easy, moderate and hard are objects up
   to 30, 50 and 70 m away, each level holding the one before. Detections further away than a level
   reaches are no false alarms there. Its levels can be changed: 'limits=[20,40,60]', or
   difficulty=none for a single level of all objects.

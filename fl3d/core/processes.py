@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing as mp
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -23,6 +24,25 @@ def cores() -> int:
 
 
 @contextmanager
+def without_main() -> Iterator[None]:
+    """Processes that are started within do not load the program that calls fl3d; they need nothing of it.
+
+    Else multiprocessing has each of them run that program up to its ``if __name__ == "__main__":``, and a script
+    without that line, such as a few calls of fl3d's, would start itself over and over.
+    """
+    own = sys.modules["__main__"]
+    kept: dict[str, Any] = {
+        name: own.__dict__[name] for name in ("__spec__", "__file__") if name in own.__dict__
+    }
+    own.__spec__ = None
+    own.__dict__.pop("__file__", None)
+    try:
+        yield
+    finally:
+        own.__dict__.update(kept)
+
+
+@contextmanager
 def pool(
     workers: int,
     begin: Callable[..., object] | None = None,
@@ -39,14 +59,15 @@ def pool(
     """
     before = set(mp.active_children())
     context = mp.get_context("forkserver")
-    context.set_forkserver_preload(["__main__", *loaded])
+    context.set_forkserver_preload(list(loaded))
     with deaf_children():
         forkserver.ensure_running()
     executor = ProcessPoolExecutor(
         workers, mp_context=context, initializer=_begin, initargs=(begin, given)
     )
     try:
-        yield executor
+        with without_main():  # it starts them as they are needed
+            yield executor
     except BaseException:  # Ctrl-C too: nobody waits for what a worker has in hand
         for worker in set(mp.active_children()) - before:
             worker.terminate()

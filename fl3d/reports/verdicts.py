@@ -158,8 +158,10 @@ def _open(rows: Sequence[Row], levels: Levels, margin: float) -> list[str]:
         if known:
             next_one = min(known, key=lambda row: float(row["more_seeds"]))
             words = verdict_text(next_one, margin).partition(", ")[2]
-            level = levels.text(str(next_one["level"]))
-            more = f", soonest decided {level} ({gain_text(next_one, 1)} AP): {words}"
+            level = f"{levels.text(str(next_one['level']))} ({gain_text(next_one, 1)} AP)"
+            is_alone = len(undecided) == 1
+            more = f": {level}" if is_alone else f", of which {level} needs the fewest seeds"
+            more += f", {words}"
         parts.append(f"{len(undecided)} undecided{more}")
     silent = sum(row["verdict"] == Verdict.NONE for row in rows)
     return [*parts, f"{silent} without a verdict"] if silent else parts

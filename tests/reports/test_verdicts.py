@@ -130,9 +130,17 @@ def test_findings_name_what_is_decided_and_what_would_be_next() -> None:
     )
     assert parts[1:] == [
         "γ = 1 is equivalent within 1 AP (-0.1 [-0.8, +0.6] AP)",
-        "1 undecided, soonest decided γ = 2 (+0.5 [-2.0, +3.0] AP): about 4 more seeds",
+        "1 undecided: γ = 2 (+0.5 [-2.0, +3.0] AP), about 4 more seeds",
         "1 without a verdict",
     ]
+
+
+def test_findings_name_the_undecided_level_that_needs_the_fewest_seeds() -> None:
+    rows = verdict_rows(GAMMAS, ("VoxelNet",))
+    rows.loc[rows["level"] == "1", ["verdict", "more_seeds"]] = [str(Verdict.UNDECIDED), 9.0]
+    (told,) = findings(rows, GAMMAS, 1.0)
+    wanted = "2 undecided, of which γ = 2 (+0.5 [-2.0, +3.0] AP) needs the fewest seeds, about 4 more seeds"
+    assert f"; {wanted}; " in told
 
 
 def test_over_how_many_seeds_intervals_reach() -> None:

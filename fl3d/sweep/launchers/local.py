@@ -18,6 +18,7 @@ import torch
 import fl3d.detectors
 from fl3d.core.errors import StageFailed
 from fl3d.core.interrupts import deaf_children, end_with_parent
+from fl3d.core.processes import without_main
 from fl3d.sweep.launchers.base import Job, JobState, Launcher
 
 # What torch would load at the first step of every process, 0.8 s each time.
@@ -102,7 +103,7 @@ class LocalLauncher(Launcher):
         """
         for _ in range(SERVER_TRIES):
             process = self._context.Process(target=_work, args=(folder, card))
-            with contextlib.suppress(EOFError, ConnectionError):
+            with contextlib.suppress(EOFError, ConnectionError), without_main():
                 process.start()
                 return process
             time.sleep(SERVER_SECONDS)
