@@ -64,14 +64,18 @@ def made(simulated: Path, place: Path) -> Path:
 
 
 def relabel(kitti: Path) -> None:
-    """Call some cars something else, so that so few frames hold every class that a page names, in either split."""
+    """Call some cars something else, so that in so few frames every class that a page names counts, in either split.
+
+    The nearest come first: those that are far away lie outside the protocol's area.
+    """
     for split in ("train", "val"):
         names = itertools.cycle(("Cone", "Cyclist", "Pedestrian"))
         for frame in (kitti / "ImageSets" / f"{split}.txt").read_text().split():
             path = kitti / "training" / "label_2" / f"{frame}.txt"
             lines = path.read_text().splitlines()
             cars = [n for n, line in enumerate(lines) if line.startswith("Car ")]
-            for n in cars[1:]:
+            nearest = sorted(cars, key=lambda n, lines=lines: float(lines[n].split()[13]))
+            for n in nearest[1:]:
                 lines[n] = lines[n].replace("Car", next(names), 1)
             path.write_text("".join(f"{line}\n" for line in lines))
 
