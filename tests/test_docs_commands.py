@@ -64,19 +64,23 @@ def made(simulated: Path, place: Path) -> Path:
 
 
 def relabel(kitti: Path) -> None:
-    """Call some cars something else, so that in so few frames every class that a page names counts, in either split.
+    """Call some objects something else, so that in so few frames every class that a page names counts, in either split.
 
-    The nearest come first: those that are far away lie outside the protocol's area.
+    The nearest person of a split is a cone: what is far away lies outside the protocol's area.
     """
     for split in ("train", "val"):
-        names = itertools.cycle(("Cone", "Cyclist", "Pedestrian"))
-        for frame in (kitti / "ImageSets" / f"{split}.txt").read_text().split():
-            path = kitti / "training" / "label_2" / f"{frame}.txt"
-            lines = path.read_text().splitlines()
+        names = itertools.cycle(("Cyclist", "Pedestrian"))
+        frames = (kitti / "ImageSets" / f"{split}.txt").read_text().split()
+        paths = [kitti / "training" / "label_2" / f"{frame}.txt" for frame in frames]
+        texts = {path: path.read_text().splitlines() for path in paths}
+        for lines in texts.values():
             cars = [n for n, line in enumerate(lines) if line.startswith("Car ")]
-            nearest = sorted(cars, key=lambda n, lines=lines: float(lines[n].split()[13]))
-            for n in nearest[1:]:
+            for n in cars[1:]:
                 lines[n] = lines[n].replace("Car", next(names), 1)
+        people = [line for lines in texts.values() for line in lines if "Pedestrian" in line]
+        cone = min(people, key=lambda line: float(line.split()[13]))
+        for path, lines in texts.items():
+            lines = [line.replace("Pedestrian", "Cone") if line == cone else line for line in lines]
             path.write_text("".join(f"{line}\n" for line in lines))
 
 
