@@ -22,7 +22,9 @@ from fl3d.sweep.planner import Planner
 from fl3d.sweep.winners import with_winners
 
 FILES = sorted(PUBLISHED.glob("*/scores/*.json"))
-COMMITTED_BYTES = 6_000_000  # of all results; a clone should stay small
+COMMITTED_BYTES = (
+    9_000_000  # of all results; a clone should stay small. Pictures of frames are a third of it
+)
 
 
 def test_something_is_published() -> None:

@@ -167,12 +167,16 @@ def trained(asked: Words) -> FinishedSweep:
 
 
 def write_results(sweep: FinishedSweep, words: Sequence[str]) -> None:
-    """Write the tables and figures of a sweep into its results folder."""
+    """Write the tables and figures of a sweep into its results folder.
+
+    Of one seed, which judges nothing, those of the papers alone: a clone stays small.
+    """
     find = feeding(sweep, words, None)
     tables, _ = write_sweep(sweep, find, print)
-    made = Contributions(sweep)
-    judged = judge_sweep(sweep, contributions=made)
-    write_views(sweep, tables, judged, print, made)
+    if SWEEPS[sweep.name] > 1:
+        made = Contributions(sweep)
+        judged = judge_sweep(sweep, contributions=made)
+        write_views(sweep, tables, judged, print, made)
+        draw_curves(sweep, made)
     write_still_tables(sweep)
-    draw_curves(sweep, made)
     draw_papers(sweep, find)
