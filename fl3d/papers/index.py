@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fl3d.core.files import write_text
+from fl3d.papers.published import SWEEPS
 
 HEAD = """# Results
 
@@ -23,7 +24,7 @@ def write_index(results: Path) -> Path:
         parts.append(f"## {folder.name}\n")
         parts += _pictures(folder, "forest_*")
         tables = _tables(folder / "tables")
-        tables.sort(key=lambda path: VERDICTS not in path.stem)  # stable: the others follow
+        tables.sort(key=_place_of_table)  # stable: those without verdicts follow as they are
         parts += [path.read_text(encoding="utf-8") for path in tables]
         for pattern in PICTURES:
             parts += _pictures(folder, pattern)
@@ -34,7 +35,18 @@ def write_index(results: Path) -> Path:
 
 def _pictures(folder: Path, pattern: str) -> list[str]:
     paths = sorted((folder / "figures").glob(f"{pattern}.png"))
+    paths.sort(key=lambda path: _place(path.stem.removeprefix(pattern.rstrip("*"))))
     return [f"![{path.stem}]({folder.name}/figures/{path.name})\n" for path in paths]
+
+
+def _place(sweep: str) -> int:
+    """Of a sweep among the published ones: the paper's question comes first."""
+    return list(SWEEPS).index(sweep) if sweep in SWEEPS else len(SWEEPS)
+
+
+def _place_of_table(path: Path) -> tuple[bool, int]:
+    sweep, is_verdict, _ = path.stem.removeprefix("table_").partition(VERDICTS)
+    return not is_verdict, _place(sweep) if is_verdict else 0
 
 
 def _tables(folder: Path) -> list[Path]:
