@@ -22,9 +22,7 @@ from fl3d.sweep.planner import Planner
 from fl3d.sweep.winners import with_winners
 
 FILES = sorted(PUBLISHED.glob("*/scores/*.json"))
-COMMITTED_BYTES = (
-    10_000_000  # of all results: a clone should stay small; a third are pictures of frames
-)
+COMMITTED_BYTES = 6_000_000  # of all results; a clone should stay small
 
 
 def test_something_is_published() -> None:

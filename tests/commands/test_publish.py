@@ -3,7 +3,9 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from fl3d.api import publishing
 from fl3d.commands import publish
@@ -147,3 +149,19 @@ def test_uncommitted_changes_are_refused(published: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(publishing, "provenance", lambda: CLEAN | {"fl3d.dirty": "true"})
     with pytest.raises(ConfigError, match="uncommitted changes"):
         publish.run(words(published, "gamma"))
+
+
+def test_what_is_committed_is_made_small(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    pixels = rng.integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "street.png")
+    drawn = Image.new("RGB", (64, 64), "white")
+    drawn.paste("#1f77b4", (8, 8, 24, 24))
+    drawn.save(tmp_path / "curve.png")
+    (tmp_path / "curve.pdf").touch()
+    before = (tmp_path / "street.png").stat().st_size
+    publishing.make_small(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["curve.png", "street.png"]
+    with Image.open(tmp_path / "curve.png") as picture:  # of few colours: as it was
+        assert (np.asarray(picture.convert("RGB")) == np.asarray(drawn)).all()
+    assert (tmp_path / "street.png").stat().st_size < before / 2
