@@ -53,12 +53,11 @@ class MlflowStore(Store):
     """An MLflow tracking store.
 
     Args:
-        root: folder of the stages, of the default store and of its artifacts.
-        uri: a database (``postgresql://...``, ``sqlite:///...``) or an MLflow server (``http://...``); None:
-            ``root/mlflow.db``.
+        root: see ``Address``.
+        uri: likewise.
 
     Raises:
-        StoreError: the URI is neither.
+        StoreError: likewise.
     """
 
     def __init__(self, root: Path, uri: str | None = None) -> None:
