@@ -12,20 +12,21 @@ from fl3d.config.compose import compose_config
 from fl3d.data.dataset import Frames
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.base import Detector
-from fl3d.inference import windows
-from fl3d.inference.load import build_detector
-from fl3d.inference.windows import (
+from fl3d.inference import kept_windows
+from fl3d.inference.kept_windows import (
     Place,
-    Windows,
-    collect_windows,
     make_windows,
     missing_windows,
     positives_of,
     windows_of,
 )
+from fl3d.inference.load import build_detector, load
+from fl3d.inference.windows import Windows, collect_windows
 from fl3d.papers.focal_loss import claims
 from fl3d.papers.focal_loss.concentration_claims import carried
 from fl3d.runs.layout import RunFolder
+from fl3d.runs.spec import read_spec
+from tests.support import train
 
 
 def network(seed: int, name: str = "voxelnet") -> Detector:
@@ -93,11 +94,11 @@ def test_windows_are_kept_as_far_as_they_are_wanted(
         asked.append([one in whole for one in places])
         return [Windows(np.float32([step]), np.float32([-step]), 3) for _, step in places]
 
-    monkeypatch.setattr(windows, "_run", run)
-    monkeypatch.setattr(windows, "made_of", lambda _, folder, step: {"step": step})
+    monkeypatch.setattr(kept_windows, "_run", run)
+    monkeypatch.setattr(kept_windows, "made_of", lambda _, folder, step: {"step": step})
     config = {"detector": "same", "schedule": {"batch_size": 1}}
     spec = SimpleNamespace(stage=SimpleNamespace(config=config))
-    monkeypatch.setattr(windows, "read_spec", lambda _: spec)
+    monkeypatch.setattr(kept_windows, "read_spec", lambda _: spec)
     sweep: Any = None
     folder = RunFolder(tmp_path / "stages" / "key")
     first, second = (folder, 8), (folder, 16)
@@ -130,8 +131,8 @@ def test_positives_are_kept_by_themselves_and_made_again_of_other_weights(
         positive = np.array([1.5, 2.5], np.float32) * (1 if weights == ["a"] else 2)
         return [Windows(positive, negative, 3)]
 
-    monkeypatch.setattr(windows, "_run", run)
-    monkeypatch.setattr(windows, "made_of", lambda *_: {"weights": weights[0]})
+    monkeypatch.setattr(kept_windows, "_run", run)
+    monkeypatch.setattr(kept_windows, "made_of", lambda *_: {"weights": weights[0]})
     sweep: Any = None
     folder = RunFolder(tmp_path / "stages" / "key")
     for _ in range(2):
@@ -165,3 +166,19 @@ def test_who_carries_the_loss_is_kept_as_it_was_found(
     first, again = (claims._carried_by(sweep, folder, 8) for _ in range(2))
     assert first == again == carried(own.positive, own.negative)
     assert asked == [1]
+
+
+@pytest.mark.parametrize("name", ["voxelnet", "fcn3d"])
+def test_a_stage_keeps_the_positives_of_its_last_checkpoint_which_a_report_then_reads(
+    name: str, simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, stages = train(simulated, tmp_path, [f"detector={name}", "loss.gamma=2"])
+    folder = RunFolder(stages / plan.trials[0].stages[-1])
+    spec, step = read_spec(folder), folder.steps()[-1]
+    frames = Frames(spec.kitti(), spec.machine.val_ids, 0)
+    (made,) = collect_windows([load(folder, step)], frames, batch_size=spec.settings.batch_size)
+    monkeypatch.setattr(kept_windows, "_run", None)  # a report need not
+    sweep: Any = SimpleNamespace(frames_digest=spec.kitti().read_digest(frames.ids))
+    assert not missing_windows(sweep, [(folder, step)], [])
+    np.testing.assert_array_equal(positives_of(sweep, folder, step), made.positive)
+    assert len(made.positive) > 0

@@ -18,7 +18,7 @@ from fl3d.analysis.contributions import Contributions
 from fl3d.core.counting import counted
 from fl3d.core.errors import Fl3dError
 from fl3d.core.processes import KILLED, cores, pool
-from fl3d.inference.windows import Place, make_windows, missing_windows
+from fl3d.inference.kept_windows import Place, make_windows, missing_windows
 from fl3d.runs.finished import FinishedSweep
 
 # Networks that share a pass over the frames. To read and encode a frame takes as long as a network of profile quick

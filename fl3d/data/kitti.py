@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.core.digests import digest as digest_of
 from fl3d.core.errors import DataError, DataMissing, options
 from fl3d.data.calibration import AXES, MEAN, Calibration
 from fl3d.data.calibration_files import read_calibration
@@ -274,6 +275,10 @@ class KittiFolder:
                 frame_id.encode() + self.image_boxes.get(frame_id, np.zeros((0, 5))).tobytes()
             )
         return digest.hexdigest()[:16]
+
+    def read_digest(self, frame_ids: Sequence[str]) -> str:
+        """Identity of all that a network reads of some frames, wherever they lie."""
+        return digest_of([self.digest(frame_ids), self.image_digest(frame_ids)])
 
     def digest(self, frame_ids: Iterable[str]) -> str:
         """Identity of the data of some frames, wherever they lie.

@@ -137,3 +137,33 @@ class Detector(nn.Module, ABC):
     @abstractmethod
     def example(self) -> Batch:
         """A batch of one empty frame, for counting FLOPs on the meta device."""
+
+
+class WindowDetector(Detector):
+    """A detector each of whose windows says whether it is an object, and where that one's box lies.
+
+    So one pass gives boxes and windows. ``forward`` gives the logits of all windows, and what boxes are made of; a
+    sample with targets holds all that one without them holds, to the bit.
+    """
+
+    @abstractmethod
+    def boxes(self, logits: Tensor, codes: Tensor, max_boxes: int, min_score: float) -> list[Found]:
+        """Decode the best windows of each frame, see ``detect``."""
+
+    @abstractmethod
+    def split(self, logits: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Logits of the positive and of the negative windows, see ``windows``."""
+
+    @torch.no_grad()
+    def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
+        """Decode the best windows."""
+        logits, codes = self(batch)
+        return self.boxes(logits, codes, max_boxes, min_score)
+
+    @torch.no_grad()
+    def detect_with_positives(
+        self, batch: Batch, max_boxes: int, min_score: float
+    ) -> tuple[list[Found], Tensor]:
+        """Of a batch with targets: what ``detect`` finds, and the positives of ``windows``."""
+        logits, codes = self(batch)
+        return self.boxes(logits, codes, max_boxes, min_score), self.split(logits, batch)[0]

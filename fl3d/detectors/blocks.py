@@ -123,6 +123,12 @@ def top_scores_by_class(
     return every if len(parts) == 1 else every[np.argsort(-logits[every], kind="stable")]
 
 
+def as_array(x: Tensor) -> NDArray[np.float32]:
+    """A tensor of any device and precision in NumPy."""
+    found: NDArray[np.float32] = x.float().cpu().numpy()
+    return found
+
+
 def sigmoid(x: NDArray[np.floating]) -> NDArray[np.float64]:
     """Logistic function in double precision, so that near-certain scores stay distinct."""
     return torch.sigmoid(torch.from_numpy(x).double()).numpy()

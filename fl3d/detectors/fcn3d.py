@@ -19,8 +19,9 @@ from fl3d.data.classes import CARS
 from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
 from fl3d.data.voxels import Grid, occupancy
-from fl3d.detectors.base import Batch, Detector, Found, Sample
+from fl3d.detectors.base import Batch, Found, Sample, WindowDetector
 from fl3d.detectors.blocks import (
+    as_array,
     check_compute,
     conv_block,
     init_he,
@@ -43,7 +44,7 @@ KERNELS = (5, 5, 3, 3)
 STRIDES = (2, 2, 2, 1)
 
 
-class FCN3D(Detector):
+class FCN3D(WindowDetector):
     """3D-FCN.
 
     The stride-2 convolutions pad evenly on both sides; TensorFlow's SAME pads one more behind. Same shapes,
@@ -208,7 +209,7 @@ class FCN3D(Detector):
         """Eq. 7-11: every cell without an object's centre is a negative."""
         logits, corners = self(batch)
         b, z, y, x = batch["cells"].unbind(1)
-        terms = self.detection_loss.classification(*self._split(logits, batch))
+        terms = self.detection_loss.classification(*self.split(logits, batch))
         return {
             **terms,
             "reg": self.detection_loss.localization(corners[b, z, y, x], batch["corners"]),
@@ -216,20 +217,19 @@ class FCN3D(Detector):
 
     def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Logits of cells with an object's centre, and of all others; where boxes lie is not asked."""
-        return self._split(self._logits(self._features(batch)), batch)
+        return self.split(self._logits(self._features(batch)), batch)
 
-    def _split(self, logits: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
+    def split(self, logits: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Logits of cells with an object's centre, and of all others."""
         b, z, y, x = batch["cells"].unbind(1)
         negative = torch.ones_like(logits, dtype=torch.bool)
         negative[b, z, y, x] = False
         return logits[b, z, y, x], logits[negative]
 
-    @torch.no_grad()
-    def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
+    def boxes(self, logits: Tensor, codes: Tensor, max_boxes: int, min_score: float) -> list[Found]:
         """Decode the best cells: corners plus origin, then the nearest box."""
-        logits, corners = (t.float().cpu().numpy() for t in self(batch))
         found = []
-        for frame_logits, frame_corners in zip(logits, corners, strict=True):
+        for frame_logits, frame_corners in zip(as_array(logits), as_array(codes), strict=True):
             each = frame_logits.size // len(self.classes)  # windows of a class
             all_kinds = np.repeat(np.arange(len(self.classes)), each)
             best = top_scores_by_class(frame_logits.ravel(), all_kinds, max_boxes, min_score)

@@ -19,8 +19,9 @@ from fl3d.data.dataset import TargetRule
 from fl3d.data.kitti import Frame
 from fl3d.data.voxels import Grid, Voxels, voxelize
 from fl3d.detectors.anchors import Anchors, ClassAnchors, decode_boxes, encode_boxes
-from fl3d.detectors.base import Batch, Detector, Found, Sample
+from fl3d.detectors.base import Batch, Found, Sample, WindowDetector
 from fl3d.detectors.blocks import (
+    as_array,
     check_compute,
     conv_block,
     init_he,
@@ -43,7 +44,7 @@ from fl3d.sparse.rulebook import voxel_layout
 ACROSS = {"cube": 3, "column": 1}  # width of the middle layers' kernels along y and x
 
 
-class VoxelNet(Detector):
+class VoxelNet(WindowDetector):
     """VoxelNet.
 
     Args:
@@ -241,7 +242,7 @@ class VoxelNet(Detector):
         """Eq. 7-11 over matched anchors; those between the two overlaps count for nothing."""
         logits, residuals = self(batch)
         b, a = batch["positive"].unbind(1)
-        terms = self.detection_loss.classification(logits[b, a], logits[batch["negative"]])
+        terms = self.detection_loss.classification(*self.split(logits, batch))
         return {
             **terms,
             "reg": self.detection_loss.localization(residuals[b, a], batch["residuals"]),
@@ -249,16 +250,17 @@ class VoxelNet(Detector):
 
     def windows(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Logits of positive and of negative anchors; where boxes lie is not asked."""
-        logits = self.rpn.logits(self.rpn.features(self._from_above(batch)))
+        return self.split(self.rpn.logits(self.rpn.features(self._from_above(batch))), batch)
+
+    def split(self, logits: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Logits of positive and of negative anchors."""
         b, a = batch["positive"].unbind(1)
         return logits[b, a], logits[batch["negative"]]
 
-    @torch.no_grad()
-    def detect(self, batch: Batch, max_boxes: int, min_score: float) -> list[Found]:
+    def boxes(self, logits: Tensor, codes: Tensor, max_boxes: int, min_score: float) -> list[Found]:
         """Decode the best anchors."""
-        logits, residuals = (t.float().cpu().numpy() for t in self(batch))
         found = []
-        for frame_logits, frame_residuals in zip(logits, residuals, strict=True):
+        for frame_logits, frame_residuals in zip(as_array(logits), as_array(codes), strict=True):
             best = top_scores_by_class(frame_logits, self.matcher.kinds, max_boxes, min_score)
             boxes = decode_boxes(frame_residuals[best].astype(np.float64), self.anchors[best])
             boxes[:, 6] = wrap(boxes[:, 6])

@@ -7,26 +7,28 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
+from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from fl3d.core.errors import TrainingError
 from fl3d.data.dataset import Frames
-from fl3d.detectors.base import Batch, Detector, Found, Sample
+from fl3d.detectors.base import Batch, Detector, Found, Sample, WindowDetector
 from fl3d.evaluation.detections import Detections
 from fl3d.inference.precision import multiplying
 
 
 class _Looks(Dataset[Sample]):
-    """Encoded frames in order, without targets."""
+    """Encoded frames in order."""
 
-    def __init__(self, detector: Detector, frames: Frames) -> None:
-        self.detector, self.frames = detector, frames
+    def __init__(self, detector: Detector, frames: Frames, with_targets: bool) -> None:
+        self.detector, self.frames, self.with_targets = detector, frames, with_targets
 
     def __len__(self) -> int:
         return len(self.frames)
 
     def __getitem__(self, i: int) -> Sample:
-        return self.detector.encode(self.frames[i], np.random.default_rng([0, i]), training=False)
+        rng = np.random.default_rng([0, i])
+        return self.detector.encode(self.frames[i], rng, training=self.with_targets)
 
 
 def to_device(batch: Batch, device: str) -> Batch:
@@ -46,6 +48,7 @@ def detect_frames(
     batch_size: int = 1,
     workers: int = 0,
     after_batch: Callable[[], None] = lambda: None,
+    take_positives: Callable[[Tensor], None] | None = None,
 ) -> Detections:
     """Run a detector over frames in evaluation mode; the random states of training are not touched.
 
@@ -59,12 +62,14 @@ def detect_frames(
         batch_size: frames at once.
         workers: loader processes; 0 loads in this one.
         after_batch: called after each batch, to show progress.
+        take_positives: called with the logits of each batch's positive windows, (P,); they cost a frame's targets, and
+            no pass of their own. Of a ``WindowDetector`` alone.
     """
     detector.eval()
     found: list[Found] = []
     started = time.monotonic()
     loader = DataLoader(
-        _Looks(detector, frames),
+        _Looks(detector, frames, take_positives is not None),
         batch_size,
         collate_fn=detector.collate,
         num_workers=workers,
@@ -72,7 +77,14 @@ def detect_frames(
     )
     for batch in loader:
         with multiplying(precision, device):
-            found += detector.detect(to_device(batch, device), max_boxes, min_score)
+            batch = to_device(batch, device)
+            if take_positives is None:
+                found += detector.detect(batch, max_boxes, min_score)
+            else:
+                assert isinstance(detector, WindowDetector)
+                own, positives = detector.detect_with_positives(batch, max_boxes, min_score)
+                take_positives(positives)
+                found += own
         if time.monotonic() - started > 1:
             started = time.monotonic()
             after_batch()

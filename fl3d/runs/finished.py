@@ -10,7 +10,6 @@ from pathlib import Path
 import pandas as pd
 
 from fl3d.config.settings import Settings
-from fl3d.core.digests import digest
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.detections import Validation, compare_stored, read_detections, read_validation
@@ -195,8 +194,7 @@ class FinishedSweep:
         Raises:
             DataError: they are not there.
         """
-        kitti, ids = self.kitti(), self.validation.ids
-        return digest([kitti.digest(ids), kitti.image_digest(ids)])
+        return self.kitti().read_digest(self.validation.ids)
 
     def drawn_as(self, name: str) -> Path | None:
         """Where a figure of it is kept as it was drawn, see ``runs.drawn``; None where only its scores are here."""

@@ -8,15 +8,22 @@ import traceback
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fl3d.config.modules import make_importable
 from fl3d.core.errors import FAULTY, CheckpointError, ConfigError, Fl3dError, Unwritable
 from fl3d.core.files import write_text
 from fl3d.core.leases import Lease, leased
 from fl3d.data.dataset import Frames, frames_with
+from fl3d.detectors.base import WindowDetector
+from fl3d.detectors.blocks import as_array
 from fl3d.evaluation.detections import write_detections
 from fl3d.inference.detect import detect_frames
+from fl3d.inference.kept_windows import keep_positives
 from fl3d.inference.load import build_detector
 from fl3d.inference.reproducibility import prepare
+from fl3d.inference.windows import sampled_positives
 from fl3d.runs.checkpoints import State, last_state, load_state, save_state
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import Spec, read_spec
@@ -176,23 +183,33 @@ class _NetworkRun(StageRun):
         self.trainer.averages = Averages()
         sha256 = save_state(self.folder.weights(step), self.trainer.state())
         with self.timer.measure("detection"):
-            found = detect_frames(
-                self.trainer.detector,
-                self.val,
-                self.settings.max_boxes,
-                self.settings.min_score,
-                self.device,
-                self.settings.precision,
-                self.schedule.batch_size,
-                self.trainer.workers,
-                after_batch=lambda: self._show(force=True),
-            )
-            write_detections(self.folder.detections(step), found)
+            self._detect(step, sha256)
         with self.timer.measure("scoring"):
             self.score(step, self.labels)
         seconds = self.timer.take() | {"waiting": round(self.trainer.waited, 3)}
         self.trainer.waited = 0.0
         self.mark(step, self.trainer.epoch, seconds=seconds, lr=lr, losses=losses, sha256=sha256)
+
+    def _detect(self, step: int, sha256: str) -> None:
+        """Keep what a checkpoint finds; of the last one its positives too, which a report asks of last models."""
+        detector, positives = self.trainer.detector, list[NDArray[np.float32]]()
+        is_asked = step == self.stage.end_step and isinstance(detector, WindowDetector)
+        found = detect_frames(
+            detector,
+            self.val,
+            self.settings.max_boxes,
+            self.settings.min_score,
+            self.device,
+            self.settings.precision,
+            self.schedule.batch_size,
+            self.trainer.workers,
+            after_batch=lambda: self._show(force=True),
+            take_positives=(lambda own: positives.append(as_array(own))) if is_asked else None,
+        )
+        write_detections(self.folder.detections(step), found)
+        if is_asked:
+            frames = self.kitti.read_digest(self.machine.val_ids)
+            keep_positives(self.folder, step, sha256, frames, sampled_positives(positives))
 
     def _show(self, force: bool = False) -> None:
         """Renew the progress file; leave when the parent process has gone."""

@@ -9,7 +9,7 @@ import torch
 
 from fl3d.config.compose import CONF, compose_config
 from fl3d.data.kitti import Frame, KittiFolder
-from fl3d.detectors.base import Detector
+from fl3d.detectors.base import Detector, WindowDetector
 from fl3d.detectors.flops import layer_flops
 from fl3d.inference.load import build_detector
 from fl3d.sweep.plan import configure_stage
@@ -178,3 +178,22 @@ def test_its_work_is_known_without_computing(detector: Detector) -> None:
         config = compose_config([f"detector={name}", f"profile={profile}"])
         flops = layer_flops(lambda config=config: build_detector(config))
         assert all(count > 0 for count in flops.values())
+
+
+def test_boxes_and_positives_of_one_pass_are_those_of_two(
+    detector: Detector, frames: list[Frame]
+) -> None:
+    """To the bit, and a sample with targets holds what one without holds."""
+    if not isinstance(detector, WindowDetector):
+        pytest.skip("its samples with targets are others, or its boxes are of no windows")
+    detector.eval()
+    plain, whole = (encode(detector, frames, training=on) for on in (False, True))
+    for key in set(plain) - {"layout"}:
+        assert torch.equal(plain[key], whole[key]), key
+    found, positives = detector.detect_with_positives(whole, 50, 0.0)
+    assert len(positives) > 0
+    with torch.no_grad():  # with gradients some layers are computed another way
+        assert torch.equal(positives, detector.windows(whole)[0])
+    for one, alone in zip(found, detector.detect(plain, 50, 0.0), strict=True):
+        np.testing.assert_array_equal(one.boxes_velo, alone.boxes_velo)
+        np.testing.assert_array_equal(one.scores, alone.scores)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl3d.analysis.contributions import Contributions
-from fl3d.inference.windows import Place, made_of, positives_of, windows_of
+from fl3d.inference.kept_windows import Place, made_of, positives_of, windows_of
 from fl3d.papers.base import with_values
 from fl3d.papers.claim import Claim, claims_table
 from fl3d.papers.focal_loss.best_model_claims import best_claim, step_claims

@@ -16,8 +16,8 @@ from fl3d.analysis.ahead import Job, window_jobs
 from fl3d.analysis.contributions import Contributions
 from fl3d.core.errors import StoreError
 from fl3d.detectors.fcn3d import FCN3D
+from fl3d.inference.kept_windows import Place, positives_of, windows_of
 from fl3d.inference.load import build_detector
-from fl3d.inference.windows import Place, positives_of, windows_of
 from fl3d.papers.base import Feeding, with_values
 from fl3d.papers.focal_loss.best_models import BEST_OWN_MODELS, best_pairs
 from fl3d.papers.focal_loss.full_size import full_size
