@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from fl3d.sparse.layout import Rulebook
-from fl3d.sparse.taps import add_taps, tap_gradients
+from fl3d.sparse.taps import FEW, add_taps, tap_gradients
 
 
 def unlowered(x: Tensor) -> AbstractContextManager[None]:
@@ -37,9 +37,10 @@ def each_row_once(x: Tensor) -> Iterator[None]:
         torch.use_deterministic_algorithms(True, warn_only=warn_only)
 
 
-def is_narrow(rows: Tensor) -> bool:
-    """Whether rows are single numbers, whose products are too few for a call of each tap."""
-    return rows.shape[1] == 1 and rows.device.type == "cpu" and rows.dtype != torch.bfloat16
+def has_few(rows: Tensor, weight: Tensor) -> bool:
+    """Whether a pair of rows has too few products for a call of each tap: (N, C), (taps, C, C')."""
+    is_few = weight.shape[1] * weight.shape[2] <= FEW
+    return is_few and rows.device.type == "cpu" and rows.dtype != torch.bfloat16
 
 
 class TapConvolution(torch.autograd.Function):
@@ -57,7 +58,7 @@ class TapConvolution(torch.autograd.Function):
             rows, weight = rows.to(low), weight.to(low)
         ctx.save_for_backward(rows, weight)
         out = below.clone()
-        if is_narrow(rows):
+        if has_few(rows, weight):
             add_taps(out.numpy(), rows.numpy(), weight.contiguous().numpy(), *rules.arrays)
             return out
         with each_row_once(out):
@@ -78,7 +79,7 @@ class TapConvolution(torch.autograd.Function):
             for t, dtype in zip((rows, weight), ctx.dtypes, strict=True)
         )
         low = grad.to(rows.dtype)
-        if is_narrow(rows):
+        if has_few(rows, weight):
             numbers = low.contiguous().numpy(), rows.numpy(), weight.contiguous().numpy()
             tap_gradients(*numbers, *rules.arrays, to_rows.numpy(), to_weight.numpy())
             return to_rows, to_weight, grad, None

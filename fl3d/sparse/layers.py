@@ -12,10 +12,11 @@ from fl3d.sparse.functions import TapConvolution, unlowered
 from fl3d.sparse.layout import Geometry, Layout, Rulebook, Triple
 from fl3d.sparse.norms import Map, Relu, normalise, rectified
 from fl3d.sparse.rulebook import find_rulebook
+from fl3d.sparse.taps import FEW
 
 # A pair of rows costs the sparse convolution its products, and as much as so many more for moving it about.
 MOVING = 3500
-MOVING_ONE = 250  # of rows of one channel
+MOVING_FEW, MOVING_ONE = 500, 250  # of rows of few channels, see ``taps``, and of one
 DENSE_FROM = (
     0.6  # cost of the sparse convolution over the dense one's, from which on the map becomes dense
 )
@@ -61,8 +62,11 @@ class SparseConvolution:
 
     def is_dense(self, layout: Layout) -> bool:
         """Whether the dense convolution would be faster; the share of pairs is about that of active positions."""
-        moving = MOVING_ONE if self.in_channels == 1 else MOVING
-        return layout.fill * (1 + moving / (self.in_channels * self.out_channels)) > DENSE_FROM
+        products = self.in_channels * self.out_channels
+        depth = layout.shape[0] if len(self.kernel_size) == 2 else 1  # whose channels have rows of their own
+        moving = MOVING_FEW if products // depth <= FEW else MOVING
+        moving = MOVING_ONE if self.in_channels == 1 else moving
+        return layout.fill * (1 + moving / products) > DENSE_FROM
 
     def on_map(self, x: BackgroundMap) -> Map:
         """The convolution of a map: a map, or where it is dense a tensor."""

@@ -109,56 +109,71 @@ def _pairs(
     sites: Int, batch: int, shape: Int, kernel: Int, stride: Int, padding: Int
 ) -> tuple[Int, Int, Int, Int]:
     """Output sites that any input site reaches, and the pairs of rows of each tap."""
-    nz, ny, nx = shape
+    (nz, ny, nx), (sz, sy, sx) = shape, stride
+    rows, quotients, starts = _by_remainder(sites, stride, padding)
+    firsts = ((quotients[0] * nz + quotients[1]) * ny + quotients[2]) * nx + quotients[3]
     index = np.full(batch * nz * ny * nx, -1, dtype=np.int32)
-    n_taps, n = kernel[0] * kernel[1] * kernel[2], len(sites)
-    counts = np.zeros(n_taps, dtype=np.int64)
-    reached, reaching = (
-        np.empty((n_taps, n), dtype=np.int32),
-        np.empty((n_taps, n), dtype=np.int32),
-    )  # place, row
-    for row in range(n):
-        b, z, y, x = (
-            sites[row, 0],
-            sites[row, 1] + padding[0],
-            sites[row, 2] + padding[1],
-            sites[row, 3] + padding[2],
-        )
-        for dz in range(z % stride[0], kernel[0], stride[0]):
-            oz = (z - dz) // stride[0]
-            if oz < 0 or oz >= nz:
-                continue
-            for dy in range(y % stride[1], kernel[1], stride[1]):
-                oy = (y - dy) // stride[1]
-                if oy < 0 or oy >= ny:
-                    continue
-                for dx in range(x % stride[2], kernel[2], stride[2]):
-                    ox = (x - dx) // stride[2]
-                    if ox >= 0 and ox < nx:
-                        tap, place = (
-                            (dz * kernel[1] + dy) * kernel[2] + dx,
-                            ((b * nz + oz) * ny + oy) * nx + ox,
-                        )
-                        index[place] = 0
-                        reached[tap, counts[tap]] = place
-                        reaching[tap, counts[tap]] = row
-                        counts[tap] += 1
+    most = len(sites) * np.prod((kernel + stride - 1) // stride)
+    rows_in, rows_out = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
+    offsets = np.zeros(kernel[0] * kernel[1] * kernel[2] + 1, dtype=np.int64)
+    n, tap = 0, 0
+    for dz in range(kernel[0]):
+        for dy in range(kernel[1]):
+            for dx in range(kernel[2]):
+                group = ((dz % sz) * sy + dy % sy) * sx + dx % sx
+                mz, my, mx = dz // sz, dy // sy, dx // sx
+                back = (mz * ny + my) * nx + mx
+                for k in range(starts[group], starts[group + 1]):
+                    z, y, x = quotients[1, k] - mz, quotients[2, k] - my, quotients[3, k] - mx
+                    if 0 <= z < nz and 0 <= y < ny and 0 <= x < nx:
+                        rows_in[n], rows_out[n] = rows[k], firsts[k] - back
+                        n += 1
+                tap += 1
+                offsets[tap] = n
+    for pair in range(n):
+        index[rows_out[pair]] = 0
+    out_sites = _number(index, nz, ny, nx)
+    for pair in range(n):
+        rows_out[pair] = index[rows_out[pair]]
+    return out_sites, rows_in[:n], rows_out[:n], offsets
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _by_remainder(sites: Int, stride: Int, padding: Int) -> tuple[Int, Int, Int]:
+    """Rows by what is left of their padded z, y, x over the stride, in their order; a tap meets those of one such group.
+
+    Returns:
+        (N,) rows, group by group; (4, N) batch and quotients of each; where each group begins, and the end.
+    """
+    groups = stride[0] * stride[1] * stride[2]
+    own, starts = np.empty(len(sites), dtype=np.int64), np.zeros(groups + 1, dtype=np.int64)
+    for row in range(len(sites)):
+        own[row] = 0
+        for axis in range(3):
+            own[row] *= stride[axis]
+            own[row] += (sites[row, axis + 1] + padding[axis]) % stride[axis]
+        starts[own[row] + 1] += 1
+    starts = np.cumsum(starts)
+    rows, quotients = np.empty(len(sites), dtype=np.int64), np.empty((4, len(sites)), dtype=np.int64)
+    free = starts.copy()
+    for row in range(len(sites)):
+        k = free[own[row]]
+        free[own[row]] += 1
+        rows[k], quotients[0, k] = row, sites[row, 0]
+        for axis in range(3):
+            quotients[axis + 1, k] = (sites[row, axis + 1] + padding[axis]) // stride[axis]
+    return rows, quotients, starts
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _number(index: NDArray[np.int32], nz: int, ny: int, nx: int) -> Int:
+    """Number the places that are not -1, in place; (N', 4) batch, z, y, x of each."""
     places = np.flatnonzero(index == 0)
-    out_sites = np.empty((len(places), 4), dtype=np.int64)
+    sites = np.empty((len(places), 4), dtype=np.int64)
     for out in range(len(places)):
         place = places[out]
         index[place] = out
-        out_sites[out, 3], place = place % nx, place // nx
-        out_sites[out, 2], place = place % ny, place // ny
-        out_sites[out, 1], out_sites[out, 0] = place % nz, place // nz
-    offsets = np.zeros(n_taps + 1, dtype=np.int64)
-    offsets[1:] = np.cumsum(counts)
-    rows_in, rows_out = (
-        np.empty(offsets[n_taps], dtype=np.int64),
-        np.empty(offsets[n_taps], dtype=np.int64),
-    )
-    for tap in range(n_taps):
-        for k in range(counts[tap]):
-            rows_in[offsets[tap] + k] = reaching[tap, k]
-            rows_out[offsets[tap] + k] = index[reached[tap, k]]
-    return out_sites, rows_in, rows_out, offsets
+        sites[out, 3], place = place % nx, place // nx
+        sites[out, 2], place = place % ny, place // ny
+        sites[out, 1], sites[out, 0] = place % nz, place // nz
+    return sites

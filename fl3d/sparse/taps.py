@@ -1,7 +1,13 @@
-"""Convolutions of one channel, pair by pair; compiled. The order of sums is that of the taps."""
+"""Convolutions of few channels, pair by pair; compiled. The order of sums is that of the taps.
+
+Matrix products of so few columns spend their time on moving rows about, tap by tap. Here each pair is one loop over
+channels, whose counts the compiler knows: it keeps them in registers (``benchmarks/README.md``).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numba
@@ -10,22 +16,27 @@ from numpy.typing import NDArray
 
 Float = NDArray[np.floating[Any]]
 Int = NDArray[np.int64]
+Kernel = Callable[..., None]
+# Products of a pair up to which this is faster than a matrix product of each tap. A kernel is compiled for each count.
+FEW = 512
 
 
-@numba.njit(cache=True, error_model="numpy")
 def add_taps(
     out: Float, rows: Float, weight: Float, rows_in: Int, rows_out: Int, offsets: Int
 ) -> None:
-    """Add to (N', C') what the rows (N, 1) give through a weight (taps, 1, C'); pairs are those of a ``Rulebook``."""
-    for tap in range(len(weight)):
-        own = weight[tap, 0]
-        for pair in range(offsets[tap], offsets[tap + 1]):
-            value, into = rows[rows_in[pair], 0], out[rows_out[pair]]
-            for c in range(len(own)):
-                into[c] += value * own[c]
+    """Add what rows give through the taps of a convolution.
+
+    Args:
+        out: (N', C'), added to.
+        rows: (N, C).
+        weight: (taps, C, C').
+        rows_in: (P,) of all pairs, see ``Rulebook``.
+        rows_out: (P,) likewise.
+        offsets: (taps + 1,) likewise.
+    """
+    _adding(*weight.shape[1:])(out, rows, weight, rows_in, rows_out, offsets)
 
 
-@numba.njit(cache=True, error_model="numpy")
 def tap_gradients(
     grad: Float,
     rows: Float,
@@ -36,14 +47,78 @@ def tap_gradients(
     to_rows: Float,
     to_weight: Float,
 ) -> None:
-    """Add to rows (N, 1) and weight (taps, 1, C') what they receive from (N', C')."""
-    for tap in range(len(weight)):
-        own, into = weight[tap, 0], to_weight[tap, 0]
-        for pair in range(offsets[tap], offsets[tap + 1]):
-            value, received = rows[rows_in[pair], 0], grad[rows_out[pair]]
-            for c in range(len(own)):
-                into[c] += value * received[c]
-            total = to_rows[rows_in[pair], 0]
-            for c in range(len(own)):
-                total += own[c] * received[c]
-            to_rows[rows_in[pair], 0] = total
+    """Add what rows and weight receive from the gradient of the output.
+
+    Args:
+        grad: (N', C').
+        rows: see ``add_taps``, and so all to the offsets.
+        weight: likewise.
+        rows_in: likewise.
+        rows_out: likewise.
+        offsets: likewise.
+        to_rows: (N, C), added to.
+        to_weight: (taps, C, C'), added to.
+    """
+    pairs = rows_in, rows_out, offsets
+    _gradients(*weight.shape[1:])(grad, rows, weight, *pairs, to_rows, to_weight)
+
+
+# One count is the literal of a closure, the other a length: the compiler unrolls the one and makes vectors of the other.
+# Where it knew both it would unroll both and make none. Fused multiplication and addition, whatever the vectors' width.
+_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
+
+
+@cache
+def _adding(c_in: int, c_out: int) -> Kernel:
+    @numba.njit(**_OPTIONS)
+    def add(
+        out: Float, rows: Float, weight: Float, rows_in: Int, rows_out: Int, offsets: Int
+    ) -> None:
+        for tap in range(len(weight)):
+            own = weight[tap]
+            for pair in range(offsets[tap], offsets[tap + 1]):
+                source, into = rows[rows_in[pair]], out[rows_out[pair]]
+                for j in range(c_out):
+                    total = into[j]
+                    for i in range(c_in):
+                        total += source[i] * own[i, j]
+                    into[j] = total
+
+    kernel: Kernel = add
+    return kernel
+
+
+@cache
+def _gradients(c_in: int, c_out: int) -> Kernel:
+    @numba.njit(**_OPTIONS)
+    def receive(
+        grad: Float,
+        rows: Float,
+        weight: Float,
+        rows_in: Int,
+        rows_out: Int,
+        offsets: Int,
+        to_rows: Float,
+        to_weight: Float,
+    ) -> None:
+        turned = np.empty((c_out, c_in), weight.dtype)
+        own = np.empty((c_in, c_out), weight.dtype)  # fresh memory, of which nothing else is a view
+        for tap in range(len(weight)):
+            turned[:] = weight[tap].T
+            own[:] = 0
+            for pair in range(offsets[tap], offsets[tap + 1]):
+                source, received = rows[rows_in[pair]], grad[rows_out[pair]]
+                for j in range(c_out):
+                    value = received[j]
+                    for i in range(c_in):
+                        own[i, j] += source[i] * value
+                into = to_rows[rows_in[pair]]
+                for i in range(len(into)):
+                    total = into[i]
+                    for j in range(c_out):
+                        total += received[j] * turned[j, i]
+                    into[i] = total
+            to_weight[tap] += own
+
+    kernel: Kernel = receive
+    return kernel
