@@ -68,7 +68,7 @@ class FCN3D(WindowDetector):
         per_class: of a class ``min_points``, where it is not that of ``targets``.
     """
 
-    VERSION = 2
+    VERSION = 3
     NAME = "3D-FCN"
     STAGES = ("warmup", "focal", "scratch")
     DENSE = ("body", "obj", "cor")

@@ -71,7 +71,7 @@ class VoxelNet(WindowDetector):
         per_class: of classes other than cars ``anchors``, with ``size`` and ``z`` at least, and ``min_points``.
     """
 
-    VERSION = 3
+    VERSION = 4
     NAME = "VoxelNet"
     STAGES = ("warmup", "focal", "scratch")
     DENSE = ("middle", "rpn")

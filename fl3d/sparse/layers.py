@@ -16,7 +16,7 @@ from fl3d.sparse.taps import FEW
 
 # A pair of rows costs the sparse convolution its products, and as much as so many more for moving it about.
 MOVING = 3500
-MOVING_FEW, MOVING_ONE = 500, 250  # of rows of few channels, see ``taps``, and of one
+MOVING_FEW, MOVING_ONE = 350, 250  # of rows of few channels, see ``taps``, and of one
 DENSE_FROM = (
     0.6  # cost of the sparse convolution over the dense one's, from which on the map becomes dense
 )
@@ -63,7 +63,9 @@ class SparseConvolution:
     def is_dense(self, layout: Layout) -> bool:
         """Whether the dense convolution would be faster; the share of pairs is about that of active positions."""
         products = self.in_channels * self.out_channels
-        depth = layout.shape[0] if len(self.kernel_size) == 2 else 1  # whose channels have rows of their own
+        depth = (
+            layout.shape[0] if len(self.kernel_size) == 2 else 1
+        )  # whose channels have rows of their own
         moving = MOVING_FEW if products // depth <= FEW else MOVING
         moving = MOVING_ONE if self.in_channels == 1 else moving
         return layout.fill * (1 + moving / products) > DENSE_FROM

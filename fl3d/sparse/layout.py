@@ -149,7 +149,7 @@ class Rulebook:
     patches: Tensor
 
     @property
-    def arrays(self) -> tuple[NDArray[np.int64], ...]:
+    def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Rows of all pairs and their offsets, on the CPU."""
         return self.rows_in.numpy(), self.rows_out.numpy(), np.array(self.offsets)
 

@@ -140,7 +140,7 @@ def _pairs(
 
 @numba.njit(cache=True, error_model="numpy")
 def _by_remainder(sites: Int, stride: Int, padding: Int) -> tuple[Int, Int, Int]:
-    """Rows by what is left of their padded z, y, x over the stride, in their order; a tap meets those of one such group.
+    """Rows by the remainders of their padded z, y, x over the stride, in their order: a tap meets one such group.
 
     Returns:
         (N,) rows, group by group; (4, N) batch and quotients of each; where each group begins, and the end.
@@ -154,7 +154,10 @@ def _by_remainder(sites: Int, stride: Int, padding: Int) -> tuple[Int, Int, Int]
             own[row] += (sites[row, axis + 1] + padding[axis]) % stride[axis]
         starts[own[row] + 1] += 1
     starts = np.cumsum(starts)
-    rows, quotients = np.empty(len(sites), dtype=np.int64), np.empty((4, len(sites)), dtype=np.int64)
+    rows, quotients = (
+        np.empty(len(sites), dtype=np.int64),
+        np.empty((4, len(sites)), dtype=np.int64),
+    )
     free = starts.copy()
     for row in range(len(sites)):
         k = free[own[row]]

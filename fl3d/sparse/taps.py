@@ -63,8 +63,9 @@ def tap_gradients(
     _gradients(*weight.shape[1:])(grad, rows, weight, *pairs, to_rows, to_weight)
 
 
-# One count is the literal of a closure, the other a length: the compiler unrolls the one and makes vectors of the other.
-# Where it knew both it would unroll both and make none. Fused multiplication and addition, whatever the vectors' width.
+# The counts of channels are a closure's literals, so that the compiler unrolls the inner loop and makes vectors of the
+# outer one; of the rows it unrolled both, and made none, while it was told how many there are. Products and sums
+# are fused, so that what comes out does not depend on the width of vectors.
 _OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
