@@ -7,19 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from fl3d.api.outdated import planned_today
 from fl3d.api.publishing import by_folder, read_sweeps
-from fl3d.api.words import read_words
 from fl3d.config.compose import CONF
-from fl3d.config.objects import build
 from fl3d.config.places import PUBLISHED
-from fl3d.config.settings import read_settings
-from fl3d.papers.published import SWEEPS, words_of
-from fl3d.papers.stamp import read_stamp
+from fl3d.papers.published import SWEEPS
+from fl3d.papers.stamp import files_of, read_stamp
 from fl3d.runs.plans import read_plan
 from fl3d.simulator import VERSION
-from fl3d.sweep.plan import DataInfo
-from fl3d.sweep.planner import Planner
-from fl3d.sweep.winners import with_winners
 
 FILES = sorted(PUBLISHED.glob("*/scores/*.json"))
 COMMITTED_BYTES = 6_000_000  # of all results; a clone should stay small
@@ -30,24 +25,30 @@ def test_something_is_published() -> None:
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: f"{file.parts[-3]}-{file.stem}")
-def test_published_trials_are_those_that_the_code_plans_today(file: Path, tmp_path: Path) -> None:
+def test_published_trials_are_those_that_the_code_plans_today(file: Path) -> None:
     folder = file.parent.parent
     stamp = read_stamp(folder)
-    data, _, profile = folder.name.rpartition("-")
     assert stamp["versions"]["simulator"] == VERSION
-    place = [f"data={data}", f"profile={profile}", f"store.root={tmp_path}"]
-    words = words_of(file.stem, place)
-    multirun = with_winners(read_words(words).multirun, lambda line: None)
-    sweeper = build(multirun.sweeper, "hydra.sweeper").proposer(
-        multirun.arguments, multirun.compose
-    )
-    own = stamp["data"]
-    info = DataInfo(own["digest"], own["train_frames"], own["image_digest"])
-    planner = Planner(sweeper.base, read_settings(sweeper.base), sweeper.swept, info)
-    planned = planner.plan(sweeper.first())
-    assert [trial.key for trial in read_plan(file).trials] == [
-        trial.key for trial in planned.trials
-    ]
+    keys, protocol = planned_today(folder, file.stem)
+    assert [trial.key for trial in read_plan(file).trials] == keys
+    assert stamp["sweeps"][file.stem]["protocol"] == protocol
+
+
+@pytest.mark.parametrize(
+    "folder", sorted({file.parent.parent for file in FILES}), ids=lambda folder: folder.name
+)
+def test_every_published_file_is_told_from_those_of_other_sweeps(folder: Path) -> None:
+    """By the stamp's lists, or by names: then tables and figures of papers are nobody's."""
+    stamp = read_stamp(folder)
+    assert set(stamp["sweeps"]) == {path.stem for path in folder.glob("scores/*.csv")}
+    files = [path for path in folder.rglob("*") if path.is_file() and path != folder / "stamp.json"]
+    named = {name: files_of(folder, stamp, name) for name in stamp["sweeps"]}
+    assert {path for own in named.values() for path in own} <= set(files)
+    for path in files:
+        of = [name for name, own in named.items() if path in own]
+        called = [name for name in named if name in path.name]  # gamma and gamma_pointrcnn
+        if called:
+            assert of == [max(called, key=len)]
 
 
 def test_a_sweep_is_published_with_those_on_the_same_data() -> None:

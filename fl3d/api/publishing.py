@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from PIL import Image
-
-from fl3d.analysis.contributions import Contributions
-from fl3d.analysis.found import judge_sweep
+from fl3d.api.standing import Standing, find_standing
 from fl3d.api.training import train_sweep
 from fl3d.api.words import Words, open_words, read_words
 from fl3d.config.objects import build
@@ -19,25 +16,21 @@ from fl3d.core.files import swap_folder
 from fl3d.core.leases import leased, living
 from fl3d.core.provenance import provenance
 from fl3d.core.shipped import is_checkout
-from fl3d.papers.drawings import draw_curves, draw_papers
+from fl3d.papers.folder import add_results
 from fl3d.papers.index import write_index
 from fl3d.papers.published import SWEEPS, words_of
-from fl3d.papers.results import write_sweep
-from fl3d.papers.stamp import write_stamp
-from fl3d.papers.stored import feeding
-from fl3d.papers.tables import write_still_tables
-from fl3d.papers.views import write_views
+from fl3d.papers.stamp import origin, write_stamp
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.opening import open_sweep
 from fl3d.store.opening import open_store
+from fl3d.sweep.prepare import prepare_data
 
-COLOURS = 256
 MAKING = ".making"  # beside the published folders: those that are being made
 
 
 def publish(names: Collection[str], words: Sequence[str]) -> list[Path]:
-    """Make the results folders of some published sweeps anew.
+    """Make some published sweeps anew; the others of their results folders are left as they are.
 
     Args:
         names: of the sweeps.
@@ -48,19 +41,27 @@ def publish(names: Collection[str], words: Sequence[str]) -> list[Path]:
 
     Raises:
         ConfigError: this is no checkout of fl3d's repository, or it has uncommitted changes.
-        StoreError: a sweep could not be run to its end; what was published is as it was.
+        StoreError: a sweep could not be run to its end, or what is left of a folder is no longer true beside those
+            made anew; what was published is as it was.
     """
     made_by = _clean_commit()
     making = PUBLISHED / MAKING
     words = [*words, f"results={making}"]
     with leased(making / "publish.lease", wait=False):
         try:
-            for left in making.glob("*/"):  # by a process that was killed
-                shutil.rmtree(left)
+            for abandoned in making.glob("*/"):  # by a process that was killed
+                shutil.rmtree(abandoned)
             asked = read_sweeps(names, words)
-            check_ready(asked, words)
             folders = by_folder(asked)
-            make(folders, words, made_by)
+            standing = {
+                folder: find_standing(PUBLISHED / folder.name, own, words)
+                for folder, own in folders.items()
+            }
+            for left in standing.values():
+                if left.sweeps:
+                    print(f"{left.folder} keeps as published: {', '.join(left.origins)}")
+            check_ready(asked, words, standing.values())
+            make(folders, standing, made_by)
             for folder in folders:
                 swap_folder(folder, PUBLISHED / folder.name)
         finally:
@@ -99,23 +100,27 @@ def by_folder(asked: Mapping[str, Words]) -> dict[Path, dict[str, Words]]:
     return folders
 
 
-def check_ready(asked: Mapping[str, Words], words: Sequence[str]) -> None:
+def check_ready(
+    asked: Mapping[str, Words], words: Sequence[str], standing: Iterable[Standing]
+) -> None:
     """Find now what would stop the publishing of some sweeps after hours.
 
     Args:
         asked: the sweeps by name, in the order in which they are run.
         words: that say where they lie.
+        standing: what is left of their folders, whose winners may be kept.
 
     Raises:
         StoreError: a sweep is being run, the store cannot be reached, or an earlier sweep whose winner one keeps is
             neither there nor asked for.
     """
+    left = {sweep.name for one in standing for sweep in one.sweeps}
     before: set[str] = set()
     for name, one in asked.items():
         after = one.settings.sweep.after
         while after is not None and after not in before:
             earlier = read_words(words_of(after, words)).settings
-            _check_finished(open_sweep(earlier))
+            _check_finished(open_sweep(earlier, None, PUBLISHED if after in left else None))
             after = earlier.sweep.after
         before.add(name)
     settings = [one.settings for one in asked.values()]
@@ -135,35 +140,31 @@ def _check_finished(sweep: FinishedSweep) -> None:
 
 
 def make(
-    folders: Mapping[Path, Mapping[str, Words]], words: Sequence[str], made_by: Mapping[str, str]
+    folders: Mapping[Path, Mapping[str, Words]],
+    standing: Mapping[Path, Standing],
+    made_by: Mapping[str, str],
 ) -> None:
     """Train or reuse the sweeps of some results folders, then fill the folders.
 
     Args:
         folders: sweeps by folder and name.
-        words: that say where the sweeps lie.
+        standing: what is left of each folder.
         made_by: see ``core.provenance.provenance``.
 
     Raises:
-        StoreError: a sweep could not be run to its end.
+        StoreError: a sweep could not be run to its end, or what is left is no longer true.
     """
     sweeps = {folder: [trained(one) for one in asked.values()] for folder, asked in folders.items()}
     for folder, own in sweeps.items():
         shutil.rmtree(folder, ignore_errors=True)  # what each sweep wrote when it ended
-        for sweep in own:
-            write_results(sweep, words)
-        make_small(folder / "figures")
-        write_stamp(folder, own, made_by)
-
-
-def make_small(figures: Path) -> None:
-    """Leave no PDFs, which ``fl3d figures`` draws again, and PNGs of 256 colours: 2.5 MB where there were 7.4."""
-    for pdf in figures.glob("*.pdf"):
-        pdf.unlink()
-    for png in figures.glob("*.png"):
-        with Image.open(png) as picture:
-            small = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
-        small.save(png, optimize=True)
+        left = standing[folder]
+        left.copy(folder)
+        every = sorted([*own, *left.sweeps], key=lambda sweep: sweep.name)
+        origins = {
+            sweep.name: origin(sweep, made_by, add_results(sweep, every, folder)) for sweep in own
+        }
+        write_stamp(folder, prepare_data(own[0].settings.data), left.origins | origins)
+        left.check(folder)
 
 
 def trained(asked: Words) -> FinishedSweep:
@@ -176,19 +177,3 @@ def trained(asked: Words) -> FinishedSweep:
     sweep = open_words(asked)
     _check_finished(sweep)
     return sweep
-
-
-def write_results(sweep: FinishedSweep, words: Sequence[str]) -> None:
-    """Write the tables and figures of a sweep into its results folder.
-
-    Of one seed, which judges nothing, those of the papers alone: a clone stays small.
-    """
-    find = feeding(sweep, words, None)
-    tables, _ = write_sweep(sweep, find, print)
-    if SWEEPS[sweep.name] > 1:
-        made = Contributions(sweep)
-        judged = judge_sweep(sweep, contributions=made)
-        write_views(sweep, tables, judged, print, made)
-        draw_curves(sweep, made)
-    write_still_tables(sweep)
-    draw_papers(sweep, find)

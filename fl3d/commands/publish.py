@@ -11,8 +11,10 @@ from fl3d.papers.published import SWEEPS
 def run(arguments: list[str]) -> None:
     """Make results/DATA-PROFILE anew: train or reuse every published sweep, tabulate, draw, and stamp the folder.
 
-    What is published stays as it is until all of the new is there, and where anything fails. The folder holds
-    no other sweeps than those of this call.
+    What is published stays as it is until all of the new is there, and where anything fails.
+
+    --only renews some sweeps and leaves the others of the folder as they are. Those that the code plans differently
+    today cannot be left, nor any beside sweeps on other data: this is looked at before anything is trained.
 
     A sweep whose file names its data (people's) has its own folder, unless data=... is given for all.
 
@@ -24,7 +26,10 @@ def run(arguments: list[str]) -> None:
         "overrides", nargs="*", help="where: data=..., profile=..., store.root=..."
     )
     arguments_of.add_argument(
-        "--only", nargs="+", metavar="SWEEP", help=f"some of: {', '.join(SWEEPS)}"
+        "--only",
+        nargs="+",
+        metavar="SWEEP",
+        help=f"renew these alone, some of: {', '.join(SWEEPS)}",
     )
     given = arguments_of.parse_intermixed_args(arguments)
     for name in given.only or ():

@@ -33,6 +33,7 @@ class PaperTable(ABC):
         title: printed before its caption.
         rule: which checkpoint stands for a trial, see ``evaluation.selection.select``.
         is_joint: whether several sweeps feed it.
+        joint_figure: of the models of all sweeps that feed it, which needs the run folders of all; empty: none.
     """
 
     name: str
@@ -40,6 +41,7 @@ class PaperTable(ABC):
     title: str
     rule: str = "last"
     is_joint: bool = False
+    joint_figure: str = ""
 
     @abstractmethod
     def row_of(self, trial: FrozenTrial) -> Hashable | None:

@@ -9,9 +9,9 @@ from fl3d.papers.published import SWEEPS
 
 HEAD = """# Results
 
-Made by `make publish`; each folder is one kind of data and one profile, and its `stamp.json` says by which commit, on
-which machine and from which data. `make report` makes one page of them, with all figures. What was found comes first:
-for each level a verdict by its gain over the baseline, from three seeds of training on.
+Made by `make publish`; each folder is one kind of data and one profile. Its `stamp.json` says from which data, and by
+which commit and on which machine each of its sweeps was made. `make report` makes one page of them, with all figures.
+What was found comes first: for each level a verdict by its gain over the baseline, from three seeds of training on.
 """
 VERDICTS = "_verdicts-"  # in the names of their tables
 PICTURES = ("ap_over_level_*", "ap_over_cut_*", "ap_over_steps_*", "figure_4", "figure_5")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from fl3d.config.compose import CONF, compose_config
@@ -53,13 +54,19 @@ def feeding(sweep: FinishedSweep, words: Sequence[str], published: Path | None) 
         words: that say where they lie.
         published: see ``stored_sweeps``.
     """
-    every: list[FinishedSweep] = []
+    return feeding_among(sweep, cache(lambda: stored_sweeps(words, published)))
+
+
+def feeding_among(sweep: FinishedSweep, others: Callable[[], Sequence[FinishedSweep]]) -> Feeding:
+    """What finds those of some sweeps that feed a joint table: those under the same protocol.
+
+    Args:
+        sweep: one of them, which comes first.
+        others: gives the others, and perhaps this one too; asked when a joint table is.
+    """
 
     def find(table: PaperTable) -> Sequence[FinishedSweep]:
-        if not every:
-            every.append(sweep)
-            others = stored_sweeps(words, published)
-            every.extend(other for other in others if other.name != sweep.name)
+        every = [sweep, *(other for other in others() if other.name != sweep.name)]
         return [
             other
             for other in every

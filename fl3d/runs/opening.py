@@ -30,7 +30,7 @@ def open_sweep(
     """
     found = _from_store(settings)
     if found is None:
-        found = _from_files(settings, published)
+        found = open_scores(settings, published)
     return asked_for(found, asked or {})
 
 
@@ -64,7 +64,16 @@ def _from_store(settings: Settings) -> FinishedSweep | None:
     )
 
 
-def _from_files(settings: Settings, published: Path | None) -> FinishedSweep:
+def open_scores(settings: Settings, published: Path | None = None) -> FinishedSweep:
+    """Open a sweep from a file of its scores, whatever the store holds.
+
+    Args:
+        settings: of the sweep.
+        published: see ``open_sweep``.
+
+    Raises:
+        StoreError: there is no such file.
+    """
     places = [settings.results, *([published] if published else [])]
     files = [score_file(place / settings.folder_name, settings.sweep.name) for place in places]
     file = next((file for file in files if file.exists()), None)

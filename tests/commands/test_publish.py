@@ -1,5 +1,7 @@
 """What is published stays as it is until all of the new is there. Nothing is trained: a stand-in writes the results."""
 
+import json
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -11,10 +13,17 @@ from fl3d.api import publishing
 from fl3d.commands import publish
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.leases import leased
+from fl3d.papers.folder import make_small
 from fl3d.runs.layout import StoreFolder
 from fl3d.store.memory import MemoryStore
 
 CLEAN = {"fl3d.commit": "abc", "fl3d.dirty": "false"}
+OLD_STAMP = {
+    **dict.fromkeys(("commit", "trained_by", "machine", "packages"), "old"),
+    "data": {},
+    "versions": {"keys": 2, "simulator": 2, "trainer": 1, "detectors": {}},
+    "sweeps": {"gamma": {"trials": 2, "protocol": "paper"}},
+}
 Make = Callable[..., None]
 
 
@@ -25,6 +34,7 @@ def published(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("scores/gamma.csv", "tables/table_V.md", "figures/forest_gamma.png", "stamp.json"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(f"old {name}")
+    (folder / "stamp.json").write_text(json.dumps(OLD_STAMP))
     monkeypatch.setattr(publishing, "PUBLISHED", tmp_path / "results")
     monkeypatch.setattr(publishing, "is_checkout", lambda: True)
     monkeypatch.setattr(publishing, "provenance", lambda: CLEAN)
@@ -132,6 +142,7 @@ def test_a_winner_that_is_nowhere_is_missed_before_any_work(
 def test_a_winner_is_asked_for_before_it_is_kept_in_whatever_order_it_was_typed(
     published: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    shutil.rmtree(published / "simulated-tiny")
     asked: list[str] = []
 
     def make(folders: dict[Path, dict[str, object]], *_: object) -> None:
@@ -160,7 +171,7 @@ def test_what_is_committed_is_made_small(tmp_path: Path) -> None:
     drawn.save(tmp_path / "curve.png")
     (tmp_path / "curve.pdf").touch()
     before = (tmp_path / "street.png").stat().st_size
-    publishing.make_small(tmp_path)
+    make_small(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["curve.png", "street.png"]
     with Image.open(tmp_path / "curve.png") as picture:  # of few colours: as it was
         assert (np.asarray(picture.convert("RGB")) == np.asarray(drawn)).all()

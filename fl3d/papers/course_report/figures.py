@@ -69,7 +69,7 @@ def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
     shown = scenes[STAGES[0]]
     if all(scene.frame.image_boxes is not None for scene in shown):
         written += drawn(sweep.drawn_as, folder / "report_figure_8", partial(figure_8, shown))
-    return written + figure_6(feeding(DETECTORS), folder / "report_figure_6")
+    return written + figure_6(feeding(DETECTORS), folder / DETECTORS.joint_figure)
 
 
 def figure_6(sweeps: Sequence[FinishedSweep], path: Path) -> list[Path]:

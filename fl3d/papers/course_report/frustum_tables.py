@@ -175,6 +175,7 @@ class DetectorsTable(PaperTable):
     number = "R7"
     title = "Table 7 of the report."
     is_joint = True
+    joint_figure = "report_figure_6"
 
     def row_of(self, trial: FrozenTrial) -> Hashable | None:
         """Its detector and setting; of PointRCNN's the table takes the best."""
