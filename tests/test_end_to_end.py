@@ -42,7 +42,7 @@ ROOT = Path(__file__).resolve().parent.parent
 GOLDEN = ROOT / "tests" / "golden"
 KINDS = {  # where the tables of a kind of processor lie, by its model and its arithmetic
     "AuthenticAMD-25-17-28e1953a095a": GOLDEN / "zen4",
-    "AuthenticAMD-25-17-ba167c4b9d6a": GOLDEN / "zen4_avx2",
+    "AuthenticAMD-25-17-8355e7caf1c3": GOLDEN / "zen4_avx2",
 }
 ARITHMETIC = """
 import hashlib, torch
