@@ -9,6 +9,7 @@ from types import ModuleType
 import pytest
 
 from fl3d.core.processes import pool, without_main
+from fl3d.sweep.launchers import local
 from fl3d.sweep.launchers.local import LocalLauncher
 
 MAIN = {"init_main_from_name", "init_main_from_path"}
@@ -57,6 +58,7 @@ def test_stages_of_a_sweep_are_started_so(monkeypatch: pytest.MonkeyPatch, tmp_p
 
     launcher = LocalLauncher(slots=1)
     monkeypatch.setattr(launcher._context, "Process", Started)
+    monkeypatch.setattr(local._Worker, "give", lambda *_: True)
     launcher.launch(tmp_path)
     assert seen == [set()]
     assert main_for_a_new_process()

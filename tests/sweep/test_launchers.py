@@ -24,10 +24,10 @@ from fl3d.core.leases import holder_of
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import Spec, write_spec
 from fl3d.sweep.checked import check_start
-from fl3d.sweep.launchers.base import JobState, Launcher
+from fl3d.sweep.launchers.base import Job, JobState, Launcher
 from fl3d.sweep.launchers.local import LocalLauncher
 from fl3d.sweep.setup import Prepared, machine
-from tests.support import run_small, small_sweep
+from tests.support import last_weights, run_small, small_sweep
 
 LAUNCHERS = sorted(path.stem for path in (CONF / "hydra" / "launcher").glob("*.yaml"))
 POINTS = [["detector=voxelnet", f"loss.gamma={g}"] for g in (0, 2)]
@@ -160,6 +160,7 @@ def test_a_server_that_is_killed_as_it_forks_is_started_anew(
 
     monkeypatch.setattr(launcher, "_context", SimpleNamespace(Process=Process))
     monkeypatch.setattr(launcher, "open", lambda: None)
+    monkeypatch.setattr("fl3d.sweep.launchers.local._Worker.give", lambda *_: True)
     monkeypatch.setattr("fl3d.sweep.launchers.local.SERVER_SECONDS", 0.0)
     if kills == 3:
         with pytest.raises(StageFailed, match="killed 3 times"):
@@ -191,6 +192,61 @@ def test_a_cancelled_stage_ends_and_keeps_its_checkpoints(
     launcher.close()
     assert 0 < len(folder.steps()) < 40
     assert not folder.is_done
+
+
+def test_stages_that_follow_one_another_share_a_process_and_train_to_the_same_bits(
+    simulated: Path, tmp_path: Path
+) -> None:
+    """Two detectors, each with its warm-up: beside each other in one store, and in a process each in others."""
+    points = [[f"detector={name}", "loss.gamma=2"] for name in ("fcn3d", "voxelnet")]
+    together = small_sweep(simulated, tmp_path / "both", points)
+    launcher = SeenLauncher(1)
+    run_small(together, launcher)
+    assert len(launcher.pids) == 4
+    assert len(set(launcher.pids)) == 1
+    for number, point in enumerate(points):
+        alone = small_sweep(simulated, tmp_path / str(number), [point])
+        run_small(alone, LocalLauncher(1))
+        key = alone.plan.trials[0].stages[-1]
+        assert key in together.plan.stages
+        own, shared = (last_weights(one.layout.stages, key) for one in (alone, together))
+        assert own == shared
+
+
+def test_a_stage_after_one_that_failed_has_a_process_of_its_own(
+    simulated: Path, tmp_path: Path
+) -> None:
+    sweep = small_sweep(simulated, tmp_path, POINTS[:1])
+    launcher = SeenLauncher(1)
+    nowhere = RunFolder(tmp_path / "nowhere")
+    nowhere.path.mkdir()
+    write_spec_of(sweep, warmup(sweep))
+    for folder, state in ((nowhere, JobState.RAISED), (warmup(sweep), JobState.DONE)):
+        job = launcher.launch(folder.path)
+        deadline = time.monotonic() + PATIENCE
+        while not job.state().is_finished():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        assert job.state() is state
+    assert len(set(launcher.pids)) == 2
+    last = launcher._workers[0].process
+    assert last.is_alive()
+    launcher.close()
+    last.join(PATIENCE)
+    assert last.exitcode == 0
+
+
+class SeenLauncher(LocalLauncher):
+    """Tells in which process each stage ran."""
+
+    def __init__(self, slots: int) -> None:
+        super().__init__(slots)
+        self.pids: list[int | None] = []
+
+    def launch(self, folder: Path, after: Job | None = None) -> Job:
+        job = super().launch(folder, after)
+        self.pids.append(self._workers[0].process.pid)
+        return job
 
 
 def scontrol(*arguments: str) -> str:

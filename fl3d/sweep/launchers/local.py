@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import gc
 import itertools
 import multiprocessing as mp
 import os
@@ -11,6 +13,7 @@ import signal
 import sys
 import time
 from multiprocessing import forkserver
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import torch
@@ -33,28 +36,76 @@ SERVER_SECONDS = 1.0  # between tries: three at once have met one server that ha
 SERVER_DIED = 255  # multiprocessing's code for a process whose fork server was killed
 
 
-class _Process(Job):
-    def __init__(self, process: mp.process.BaseProcess) -> None:
-        self._process = process
+class _Worker:
+    """A process that runs stages one after the other, and so keeps the frames that it has read.
+
+    Args:
+        process: started; it serves the other end.
+        pipe: this end, through which stages go and their codes come back.
+    """
+
+    def __init__(self, process: mp.process.BaseProcess, pipe: Connection) -> None:
+        self.process = process
+        self._pipe = pipe
+        self._is_free = True
+
+    def give(self, folder: Path) -> bool:
+        """Let it run a stage; False: it cannot, for it has another, failed or has gone."""
+        if not (self._is_free and self.process.is_alive()):
+            return False
+        try:
+            self._pipe.send(folder)
+        except OSError:  # it went in this moment
+            return False
+        self._is_free = False
+        return True
+
+    def release(self) -> None:
+        """Let it end when it has no stage."""
+        self._pipe.close()
+
+    def code(self) -> int | None:
+        """How its stage has ended: 0 well, 1 by an error, others as ``Process.exitcode``; None: not yet."""
+        with contextlib.suppress(EOFError, OSError):  # it has gone, which its exit code tells
+            if self._pipe.poll():
+                code = int(self._pipe.recv())
+                self._is_free = code == 0
+                return code
+        return self.process.exitcode
+
+
+class _Stage(Job):
+    """A stage in a worker."""
+
+    def __init__(self, worker: _Worker) -> None:
+        self._worker = worker
+        self._code: int | None = None
 
     def state(self) -> JobState:
-        code = self._process.exitcode
-        if code is None:
+        if self._code is None:
+            self._code = self._worker.code()
+        if self._code is None:
             return JobState.RUNNING
-        if code == 0:
+        if self._code == 0:
             return JobState.DONE
-        return JobState.KILLED if code < 0 or code == SERVER_DIED else JobState.RAISED
+        return JobState.KILLED if self._code < 0 or self._code == SERVER_DIED else JobState.RAISED
 
     def cancel(self) -> None:
-        self._process.terminate()
-        self._process.join(timeout=5)
-        if self._process.exitcode is None:
-            self._process.kill()
-            self._process.join()
+        if self.state().is_finished():
+            return
+        process = self._worker.process
+        process.terminate()
+        process.join(timeout=5)
+        if process.exitcode is None:
+            process.kill()
+            process.join()
 
 
 class LocalLauncher(Launcher):
-    """Each stage in a process of its own, forked from a server that has loaded torch once.
+    """Stages in processes that are forked from a server, which has loaded torch once.
+
+    On a CPU a process runs stages one after the other as long as they end well, for frames that it has read it need not
+    read again; on a card each stage has a process of its own, whose memory there is free when it ends.
 
     Args:
         slots: stages at once; None: one a core, or, on CUDA, ``per_card`` a card.
@@ -69,7 +120,8 @@ class LocalLauncher(Launcher):
         self.slots = slots or (
             len(self._cards) * per_card if self._cards else len(os.sched_getaffinity(0))
         )
-        self._held: dict[int, _Process] = {}
+        self._held: dict[int, _Stage] = {}
+        self._workers: dict[int, _Worker] = {}  # by slot
         self._context = mp.get_context("forkserver")
         # All code is loaded now: what is edited while a sweep runs does not reach it.
         detectors = [
@@ -79,6 +131,7 @@ class LocalLauncher(Launcher):
         self._context.set_forkserver_preload([*SERVED, *LAZY, *detectors])
         for name in THREADS:
             os.environ.setdefault(name, "1")
+        atexit.register(self.close)  # Python waits for its processes before it leaves
 
     def open(self) -> None:
         """Start the server; it loads while the sweep is being planned."""
@@ -91,26 +144,39 @@ class LocalLauncher(Launcher):
         """Start a process; what it prints goes to ``log.txt`` in the stage's folder."""
         taken = {slot for slot, job in self._held.items() if not job.state().is_finished()}
         slot = next(number for number in itertools.count() if number not in taken)
-        card = self._cards[slot % len(self._cards)] if self._cards else None
-        self._held[slot] = _Process(self._started(folder, card))
+        worker = self._workers.get(slot)
+        if worker is None or self._cards or not worker.give(folder):
+            worker = self._workers[slot] = self._started(slot, folder)
+        self._held[slot] = _Stage(worker)
         return self._held[slot]
 
-    def _started(self, folder: Path, card: str | None) -> mp.process.BaseProcess:
-        """A process of the server's, which is started anew where it is killed in that moment.
+    def _started(self, slot: int, folder: Path) -> _Worker:
+        """A worker that has been given a stage; the server is started anew where it is killed in that moment.
 
         Raises:
             StageFailed: it was, again and again.
         """
+        card = self._cards[slot % len(self._cards)] if self._cards else None
         for _ in range(SERVER_TRIES):
-            process = self._context.Process(target=_work, args=(folder, card))
+            own, other = mp.Pipe()
+            process = self._context.Process(target=_serve, args=(other, card))
             with contextlib.suppress(EOFError, ConnectionError), without_main():
                 process.start()
-                return process
+                other.close()
+                worker = _Worker(process, own)
+                if worker.give(folder):
+                    return worker
             time.sleep(SERVER_SECONDS)
             self.open()
         raise StageFailed(
             f"{folder}: cannot be started: the server of its processes was killed {SERVER_TRIES} times"
         )
+
+    def close(self) -> None:
+        """Let the processes end that wait for another stage."""
+        for worker in self._workers.values():
+            worker.release()
+        self._workers.clear()
 
 
 def _cards() -> list[str]:
@@ -121,14 +187,25 @@ def _cards() -> list[str]:
     return [str(card) for card in range(max(1, torch.cuda.device_count()))]
 
 
-def _work(folder: Path, card: str | None) -> None:
-    from fl3d.training.stage import run_stage
-
+def _serve(pipe: Connection, card: str | None) -> None:
+    """Run the stages whose folders come through a pipe, until one fails or nobody holds the other end."""
     if card is not None:
         os.environ["CUDA_VISIBLE_DEVICES"] = card  # before this process first asks for a card
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the server was started by somebody else
     end_with_parent()
-    code = 1
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            code = _run(pipe.recv())
+            gc.collect()
+            pipe.send(code)
+            if code:
+                sys.exit(code)
+
+
+def _run(folder: Path) -> int:
+    """Run a stage; what it prints goes to ``log.txt`` in its folder. 0, or 1 where it failed."""
+    from fl3d.training.stage import run_stage
+
     with (
         contextlib.suppress(OSError),  # of the log itself, when the disk is full
         (folder / "log.txt").open("a", encoding="utf-8") as log,
@@ -137,7 +214,8 @@ def _work(folder: Path, card: str | None) -> None:
     ):
         try:
             run_stage(folder)
-            code = 0
         except Exception as error:
             print(f"{type(error).__name__}: {error}", file=log, flush=True)
-    sys.exit(code)
+        else:
+            return 0
+    return 1
