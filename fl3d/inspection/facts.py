@@ -67,7 +67,7 @@ class Cloud:
         reflectance: least and largest.
         held: (N,) points kept on each labelled object; 0 where it has no 3D box.
         upper: (N,) of them in the upper half of its box.
-        targets: by detector, (N,) which labels it learns from.
+        targets: by what a detector learns from, (N,) which labels it does; a sweep may have one detector of several.
     """
 
     points: int
@@ -80,7 +80,7 @@ class Cloud:
     reflectance: tuple[float, float]
     held: NDArray[np.int64]
     upper: NDArray[np.int64]
-    targets: Mapping[str, NDArray[np.bool_]]
+    targets: Mapping[Wanted, NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +132,7 @@ class Facts:
 
     def targets(self, split: str, wanted: Wanted) -> int:
         """Objects that a detector learns from, in the frames looked at."""
-        of = (self.clouds[i].targets[wanted.detector] for i in self.looked_at(split))
+        of = (self.clouds[i].targets[wanted] for i in self.looked_at(split))
         return int(sum(mask.sum() for mask in of))
 
     def objects(self, split: str, wanted: Wanted) -> int:
@@ -202,14 +202,14 @@ def _look_for_a_target(
     look: Callable[[str], Cloud | None],
 ) -> None:
     """Look at further clouds until one holds a target: a class may be rare, and a few clouds say nothing of it."""
-    if any(clouds[i].targets[wanted.detector].any() for i in ids if i in clouds):
+    if any(clouds[i].targets[wanted].any() for i in ids if i in clouds):
         return
     for frame_id in ids:
         labels = beside[frame_id].labels
         if frame_id in clouds or labels is None or not np.isin(labels.types, wanted.classes).any():
             continue
         cloud = look(frame_id)
-        if cloud is not None and cloud.targets[wanted.detector].any():
+        if cloud is not None and cloud.targets[wanted].any():
             return
 
 
@@ -277,7 +277,7 @@ def look_at_cloud(
         reflectance=(float(tones.min()), float(tones.max())),
         held=held,
         upper=upper,
-        targets={one.detector: one.targets(labels, boxes, held) for one in wanted},
+        targets={one: one.targets(labels, boxes, held) for one in wanted},
     )
 
 

@@ -20,6 +20,7 @@ from fl3d.inspection.fit import of_fit
 from fl3d.inspection.labels import of_labels
 from fl3d.inspection.nothing import classes_of, counted, listed, of_nothing
 from fl3d.inspection.splits import of_area, of_splits
+from fl3d.inspection.wanted import Wanted
 
 
 @dataclass(frozen=True)
@@ -164,9 +165,16 @@ def as_json(facts: Facts, result: Checked) -> dict[str, Any]:
         "lines": list(result.lines),
         "classes": {split: classes_of(facts.labels(split)) for split in facts.splits},
         "targets": {
-            split: {one.detector: facts.targets(split, one) for one in facts.wanted}
+            split: {_name(facts, one): facts.targets(split, one) for one in facts.wanted}
             for split in facts.splits
         },
         "counted": {split: None if of is None else asdict(of) for split, of in counts.items()},
         "findings": findings,
     }
+
+
+def _name(facts: Facts, wanted: Wanted) -> str:
+    """A detector's, with what it learns from where the sweep has it learn from something else too."""
+    if [one.detector for one in facts.wanted].count(wanted.detector) == 1:
+        return wanted.detector
+    return f"{wanted.detector}: {' and '.join(wanted.classes)} of {wanted.min_points} points on"

@@ -16,7 +16,7 @@ from fl3d.config.settings import read_settings
 from fl3d.data.kitti import KittiFolder
 from fl3d.inspection.facts import gather, some_of
 from fl3d.inspection.finding import Severity
-from fl3d.inspection.summary import Checked, checked
+from fl3d.inspection.summary import Checked, as_json, checked
 from fl3d.inspection.wanted import Wanted, wanted_by
 
 TRAIN = [f"{k:06d}" for k in range(6)]
@@ -429,12 +429,31 @@ def test_a_picture_that_is_cut_off_is_named_and_the_rest_is_drawn(
     assert (tmp_path / "frame.png").exists()
 
 
+def test_one_detector_that_learns_from_several_sets_of_classes_has_the_targets_of_each(
+    simulated: Path,
+) -> None:
+    """They were those of the last."""
+    overrides = "classes=[Car]", "classes=[Pedestrian]", "min_points=100"
+    configs = [compose_config([f"detector.targets.{own}"]) for own in overrides]
+    kitti = KittiFolder(simulated)
+    splits = {"train": kitti.split("train"), "val": kitti.split("val")}
+    protocol = read_settings(configs[0]).protocol
+    together = gather(kitti, splits, wanted_by(configs), protocol, None)
+    every = [together.targets("train", one) for one in together.wanted]
+    for config, found in zip(configs, every, strict=True):
+        alone = gather(kitti, splits, wanted_by([config]), protocol, None)
+        assert alone.targets("train", alone.wanted[0]) == found
+    assert len(set(every)) == 3
+    told = as_json(together, checked(together, "train", "val"))["targets"]["train"]
+    assert list(told.values()) == every
+
+
 def test_a_rare_class_is_looked_for_beyond_the_chosen_clouds(folder: Path) -> None:
     config = compose_config(["data=kitti"])
     protocol = read_settings(config).protocol
     kitti, wanted = KittiFolder(folder), wanted_by([config])
     whole = gather(kitti, {"train": TRAIN, "val": VAL}, wanted, protocol, None)
-    (holder,) = [i for i in TRAIN if whole.clouds[i].targets["VoxelNet"].any()][1:2]
+    (holder,) = [i for i in TRAIN if whole.clouds[i].targets[wanted[0]].any()][1:2]
     for frame_id in TRAIN:
         if frame_id != holder:  # its cars are trucks now
             file = folder / "training" / "label_2" / f"{frame_id}.txt"
