@@ -16,7 +16,7 @@ from fl3d.sparse.taps import FEW
 
 # A pair of rows costs the sparse convolution its products, and as much as so many more for moving it about.
 MOVING = 3500
-MOVING_FEW, MOVING_ONE = 350, 250  # of rows of few channels, see ``taps``, and of one
+MOVING_FEW, MOVING_ONE = 350, 250  # of few channels, see ``taps``, and of one: benchmarks/README.md
 DENSE_FROM = (
     0.6  # cost of the sparse convolution over the dense one's, from which on the map becomes dense
 )
