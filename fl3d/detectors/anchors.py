@@ -74,13 +74,18 @@ class Anchors:
     def _hulls(self) -> NDArray[np.float64]:
         return self._hulls_of(self.boxes_velo)
 
+    @cached_property
+    def _sides(self) -> NDArray[np.float64]:
+        """(4, A): the numbers of one side lie together, which is faster to compare."""
+        return np.ascontiguousarray(self._hulls.T)
+
     def _hulls_of(self, boxes: Array) -> NDArray[np.float64]:
         grow = np.array([0, 0, 1, 1]) if self.iou_plus_one else np.zeros(4)
         return standup(rectangles_velo(boxes)) + grow
 
     def overlaps(self, box: Array) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Anchors whose hull meets that of an object (7,), and their overlap with it; all others have none."""
-        low_x, low_y, high_x, high_y = self._hulls.T
+        low_x, low_y, high_x, high_y = self._sides
         hull = self._hulls_of(box[None])
         (x1, y1, x2, y2) = hull[0]
         near = np.flatnonzero((low_x < x2) & (high_x > x1) & (low_y < y2) & (high_y > y1))

@@ -116,7 +116,7 @@ def top_scores_by_class(
 ) -> NDArray[np.int64]:
     """As ``top_scores``, of each class so many: (N,), (N,) -> indices, best first."""
     parts = []
-    for kind in np.unique(kinds):
+    for kind in range(int(kinds.max()) + 1):
         own = np.flatnonzero(kinds == kind)
         parts.append(own[top_scores(logits[own], max_boxes, min_score)])
     every = np.concatenate(parts)

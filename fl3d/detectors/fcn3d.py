@@ -135,7 +135,8 @@ class FCN3D(WindowDetector):
         """Occupied voxels; for training, the cell of each object's centre and its corners (appendix B)."""
         points = frame.points_velo
         if self.fov_offset is not None:
-            points = points[np.abs(points[:, 1]) < points[:, 0] - self.fov_offset]
+            in_view = np.abs(points[:, 1]) < points[:, 0] - self.fov_offset
+            points = points.compress(in_view, axis=0)
         sample: Sample = {"occupied": occupancy(points, self.grid)}
         if training:
             boxes, kinds = self.targets.objects(frame, self.classes, self.least)

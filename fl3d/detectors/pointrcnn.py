@@ -114,7 +114,7 @@ class PointRCNN(Detector):
 
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
         """Sampled points; for training, what each belongs to, and the objects."""
-        points = frame.points_velo[self.grid.inside(frame.points_velo), :3]
+        points = self.grid.cropped(frame.points_velo[:, :3])
         points = (
             points[self._sample(points, rng)]
             if len(points)

@@ -102,6 +102,7 @@ def _beside(rows: Float, lengths: Int, found: Float) -> Float:
         for p in range(start, start + lengths[v]):
             for c in range(channels):
                 out[p, c] = rows[p, c]
+            for c in range(channels):  # a loop of its own, of which the compiler makes vectors
                 out[p, channels + c] = found[v, c]
         start += lengths[v]
     return out
@@ -127,16 +128,18 @@ def _split(grad: Float, lengths: Int) -> tuple[Float, Float]:
 def _share(rows: Float, lengths: Int, found: Float, grad: Float, out: Float) -> None:
     """Add what the maxima receive to their rows."""
     channels = rows.shape[1]
-    equals = np.zeros(channels, rows.dtype)
+    equals, largest = np.zeros(channels, rows.dtype), np.zeros(channels, rows.dtype)
+    nothing, one = rows.dtype.type(0), rows.dtype.type(1)
     start = 0
     for v in range(len(lengths)):
         equals[:] = 0
+        largest[:] = found[v]
         for p in range(start, start + lengths[v]):
             for c in range(channels):
-                equals[c] += rows[p, c] == found[v, c]
+                equals[c] += one if rows[p, c] == largest[c] else nothing
         for c in range(channels):
-            equals[c] = grad[v, c] / max(equals[c], 1)
+            equals[c] = grad[v, c] / max(equals[c], one)
         for p in range(start, start + lengths[v]):
             for c in range(channels):
-                out[p, c] += equals[c] if rows[p, c] == found[v, c] else 0
+                out[p, c] += equals[c] if rows[p, c] == largest[c] else nothing
         start += lengths[v]

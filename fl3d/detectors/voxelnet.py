@@ -172,7 +172,7 @@ class VoxelNet(WindowDetector):
 
     def encode(self, frame: Frame, rng: np.random.Generator, training: bool) -> Sample:
         """Grouped points with seven features; for training, matched anchors and their residuals."""
-        points = frame.points_velo[self.grid.inside(frame.points_velo)]
+        points = self.grid.cropped(frame.points_velo)
         voxels = voxelize(points, self.grid, self.max_points, rng.permutation(len(points)))
         sample: Sample = {"cells": voxels.cells, "rows": voxels.rows, "lengths": voxels.lengths}
         if not self.mask_max:

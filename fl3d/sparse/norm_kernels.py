@@ -27,9 +27,16 @@ def _tiled(values: Double, like: Float) -> Float:
     """Values of channels (C,), repeated to a tile, of the type of ``like``."""
     channels = len(values)
     tile = np.empty((TILE + channels - 1) // channels * channels, like.dtype)
-    for i in range(len(tile)):
-        tile[i] = values[i % channels]
+    _repeat(values, tile)
     return tile
+
+
+@jit
+def _repeat(values: Double, tile: Float) -> None:
+    """Write values of channels (C,) into a tile, over and over; a remainder for each number took longer."""
+    for start in range(0, len(tile), len(values)):
+        for c in range(len(values)):
+            tile[start + c] = values[c]
 
 
 @jit
@@ -59,6 +66,7 @@ def _moments(x: Float, low: Float, channels: int) -> tuple[Double, Double]:
     tile, center = np.empty_like(low), np.empty_like(low)
     mean, squares = np.zeros(channels), np.zeros(channels)
     own, own_squares = np.zeros(channels), np.zeros(channels)
+    middle = np.zeros(channels)
     for first in range(0, len(x), BLOCK * length):
         last = min(len(x), first + BLOCK * length)
         n, before = (last - first) // channels, first // channels
@@ -69,8 +77,9 @@ def _moments(x: Float, low: Float, channels: int) -> tuple[Double, Double]:
                 tile[i] += low[i] if part[i] < low[i] else part[i]
         own[:] = 0
         _fold(tile, own)
-        for i in range(length):
-            center[i] = own[i % channels] / n
+        for c in range(channels):
+            middle[c] = own[c] / n
+        _repeat(middle, center)
         tile[:] = 0
         for start in range(first, last, length):
             part = x[start : min(last, start + length)]
@@ -81,9 +90,8 @@ def _moments(x: Float, low: Float, channels: int) -> tuple[Double, Double]:
         _fold(tile, own_squares)
         for c in range(channels):
             # The centre was rounded, so the squares are about a point that is not quite the mean.
-            middle = own[c] / n
-            away = middle - center[c]
-            step = middle - mean[c]
+            away = middle[c] - center[c]
+            step = middle[c] - mean[c]
             squares[c] += own_squares[c] - n * away * away + step * step * before * n / (before + n)
             mean[c] += step * n / (before + n)
     return mean, squares
@@ -203,13 +211,35 @@ def from_statistics(
 
 
 @jit
+def from_running(
+    x: Float,
+    canvas: Float,
+    running_mean: Float,
+    running_var: Float,
+    eps: float,
+    gamma: Float,
+    beta: Float,
+    before: bool,
+    behind: bool,
+) -> tuple[Float, Float]:
+    """Normalise by running statistics (C,), see ``from_statistics``."""
+    mean = running_mean.astype(np.float64)
+    inverse = 1 / np.sqrt(running_var.astype(np.float64) + eps)
+    return from_statistics(x, canvas, mean, inverse, gamma, beta, before, behind)
+
+
+@jit
 def statistics(
-    x: Float, canvas: Float, weights: Double, n: int, channels: int, before: bool
-) -> tuple[Double, Double]:
-    """Mean and variance of each channel over all ``n`` positions.
+    x: Float, canvas: Float, weights: Double, n: int, eps: float, gamma: Float, before: bool
+) -> tuple[Double, Double, Float, Float]:
+    """Statistics of each channel over all ``n`` positions.
 
     A row of the canvas stands for as many of them as ``weights`` (M,) says.
+
+    Returns:
+        mean, inverse of the standard deviation, and mean and variance of the type of ``gamma``, each (C,).
     """
+    channels = len(gamma)
     low = _least(before, channels)
     own, squares = _moments(x, _tiled(low, x), channels)
     mean = own * (len(x) // channels)
@@ -221,7 +251,8 @@ def statistics(
     for m in range(len(canvas)):
         for c in range(channels):
             squares[c] += (max(np.float64(canvas[m, c]), low[c]) - mean[c]) ** 2 * weights[m]
-    return mean, squares / n
+    var = squares / n
+    return mean, 1 / np.sqrt(var + eps), mean.astype(gamma.dtype), var.astype(gamma.dtype)
 
 
 @jit
@@ -238,7 +269,7 @@ def gradients(
     beta: Float,
     before: bool,
     behind: bool,
-) -> tuple[Float, Float, Double, Double]:
+) -> tuple[Float, Float, Float, Float]:
     """What rows, canvas, gamma and beta receive; see ``from_statistics`` and ``statistics``."""
     channels = len(gamma)
     low, floor, shift = _least(before, channels), _least(behind, channels), beta.astype(np.float64)
@@ -263,4 +294,5 @@ def gradients(
             if canvas[m, c] > low[c]:
                 shared = weights[m] * (to_mean[c] + to_away[c] * away[m, c])
                 out[m, c] = scale[c] * passed[m, c] - shared
-    return rows, out, sums_away * inverse, sums
+    to_gamma, to_beta = sums_away * inverse, sums
+    return rows, out, to_gamma.astype(gamma.dtype), to_beta.astype(beta.dtype)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, Literal
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.autograd.function import once_differentiable
 from torch.nn.modules.batchnorm import _BatchNorm
 
 from fl3d.sparse.background import BackgroundMap
 from fl3d.sparse.functions import WeightedNorm
-from fl3d.sparse.norm_kernels import from_statistics, gradients, statistics
+from fl3d.sparse.norm_kernels import from_running, from_statistics, gradients, statistics
 
 Norm = nn.BatchNorm1d | nn.BatchNorm2d | nn.BatchNorm3d
 Relu = Literal["none", "before", "behind"]
@@ -39,51 +38,56 @@ def normalise(norm: Norm, x: Map, relu: Relu = "none") -> Any:
     if is_elsewhere or is_frozen or not rows.numel():
         return _in_torch(norm, x, relu)
     if isinstance(x, Tensor):
-        own = x.to(norm.weight.dtype)
-        empty, n = own.new_zeros(0, x.shape[1]), x.numel() // x.shape[1]
-        return _compiled(norm, empty, own, empty[:, 0].double(), n, relu)[1].to(x.dtype)
-    canvas, rows = _compiled(norm, x.canvas, rows, x.layout.weights, x.layout.positions, relu)
-    return BackgroundMap(canvas, rows, x.layout)
+        own = rows if rows.dtype == norm.weight.dtype else rows.to(norm.weight.dtype)
+        out = _compiled(norm, *_nothing(rows.shape[1], own.dtype), own, None, relu)[1]
+        return out if out.dtype == rows.dtype else out.to(rows.dtype)
+    layout = x.layout
+    canvas, rows = _compiled(norm, x.canvas, layout.weights, rows, layout.positions, relu)
+    return BackgroundMap(canvas, rows, layout)
+
+
+@cache
+def _nothing(channels: int, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+    """The canvas of a tensor, and for how many positions its rows stand: there are none."""
+    return torch.empty(0, channels, dtype=dtype), torch.empty(0, dtype=torch.float64)
 
 
 def _compiled(
-    norm: Norm, canvas: Tensor, rows: Tensor, weights: Tensor, n: int, relu: Relu
+    norm: Norm, canvas: Tensor, weights: Tensor, rows: Tensor, positions: int | None, relu: Relu
 ) -> tuple[Tensor, Tensor]:
     if not norm.training:
         return _by_statistics(norm, canvas, rows, relu)
+    n = positions or rows.numel() // rows.shape[1]
     if n == 1:
         raise ValueError(
             f"one value a channel has no statistics to train with: {tuple(rows.shape)}"
         )
-    canvas, rows, mean, var = _Normalise.apply(  # type: ignore[no-untyped-call]
-        canvas, rows, weights, n, norm.weight, norm.bias, norm.eps, relu
+    found: tuple[Tensor, Tensor] = _Normalise.apply(  # type: ignore[no-untyped-call]
+        canvas, rows, norm.weight, norm.bias, weights, n, norm, relu
     )
-    _remember(norm, mean, var, n)
-    return canvas, rows
+    return found
 
 
 def _remember(norm: Norm, mean: Tensor, var: Tensor, n: int) -> None:
-    """Move the running statistics towards those of a batch."""
-    assert norm.num_batches_tracked is not None
-    assert norm.running_mean is not None
-    assert norm.running_var is not None
-    assert norm.momentum is not None
-    with torch.no_grad():
-        norm.num_batches_tracked.add_(1)
-        norm.running_mean.lerp_(mean, norm.momentum)
-        norm.running_var.lerp_(var * (n / max(1, n - 1)), norm.momentum)
+    """Move the running statistics towards those of a batch; without gradients."""
+    batches, means, variances = norm.num_batches_tracked, norm.running_mean, norm.running_var
+    momentum = norm.momentum
+    assert batches is not None
+    assert means is not None
+    assert variances is not None
+    assert momentum is not None
+    batches.add_(1)
+    means.lerp_(mean, momentum)
+    variances.lerp_(var * (n / max(1, n - 1)), momentum)
 
 
 def _by_statistics(norm: Norm, canvas: Tensor, rows: Tensor, relu: Relu) -> tuple[Tensor, Tensor]:
     """In evaluation mode, without gradients."""
     assert norm.running_mean is not None
     assert norm.running_var is not None
-    mean = norm.running_mean.double().numpy()
-    inverse = (norm.running_var.double() + norm.eps).rsqrt().numpy()
     gamma, beta = norm.weight.detach().numpy(), norm.bias.detach().numpy()
-    flat, own = from_statistics(
-        _flat(rows), canvas.numpy(), mean, inverse, gamma, beta, *_places(relu)
-    )
+    known = norm.running_mean.numpy(), norm.running_var.numpy(), norm.eps, gamma, beta
+    flat, own = from_running(_flat(rows), canvas.numpy(), *known, *_places(relu))
     return torch.from_numpy(own), _like(rows, flat)
 
 
@@ -98,7 +102,8 @@ def _flat(x: Tensor) -> NDArray[Any]:
 
 def _like(x: Tensor, flat: NDArray[Any]) -> Tensor:
     """Inverse of ``_flat``."""
-    return torch.from_numpy(flat).view(x.movedim(1, -1).shape).movedim(-1, 1)
+    count, channels, *places = x.shape
+    return torch.from_numpy(flat).view(count, *places, channels).movedim(-1, 1)
 
 
 class _Normalise(torch.autograd.Function):
@@ -109,48 +114,46 @@ class _Normalise(torch.autograd.Function):
         ctx: Any,
         canvas: Tensor,
         rows: Tensor,
-        weights: Tensor,
-        n: int,
         gamma: Tensor,
         beta: Tensor,
-        eps: float,
+        weights: Tensor,
+        n: int,
+        norm: Norm,
         relu: Relu,
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Canvas (M, C), rows (N, C) or (B, C, ...), positions (M,) of each canvas row and in all.
+    ) -> tuple[Tensor, Tensor]:
+        """Canvas (M, C), rows (N, C) or (B, C, ...), positions (M,) of each canvas row and in all -> both, normalised.
 
-        Returns:
-            both normalised, and mean and variance (C,).
+        The module is told what its running statistics follow.
         """
         flat, below = _flat(rows), canvas.detach().numpy()
         before, behind = _places(relu)
-        mean, var = statistics(flat, below, weights.numpy(), n, len(gamma), before)
-        inverse = 1 / np.sqrt(var + eps)
-        known = mean, inverse, gamma.detach().numpy(), beta.detach().numpy(), before, behind
+        of, scales = weights.numpy(), (gamma.detach().numpy(), beta.detach().numpy())
+        mean, inverse, batch_mean, batch_var = statistics(
+            flat, below, of, n, norm.eps, scales[0], before
+        )
+        _remember(norm, torch.from_numpy(batch_mean), torch.from_numpy(batch_var), n)
+        known = mean, inverse, *scales, before, behind
         out, own = from_statistics(flat, below, *known)
-        ctx.save_for_backward(canvas, rows, weights, gamma, beta)
-        ctx.n, ctx.known = n, known
-        found = torch.from_numpy(mean).to(gamma.dtype), torch.from_numpy(var).to(gamma.dtype)
-        ctx.mark_non_differentiable(*found)
-        return torch.from_numpy(own), _like(rows, out), *found
+        ctx.save_for_backward(canvas, rows, gamma, beta)
+        ctx.weights, ctx.n, ctx.known = of, n, known
+        return torch.from_numpy(own), _like(rows, out)
 
     @staticmethod
-    @once_differentiable
-    def backward(
-        ctx: Any, grad_canvas: Tensor, grad_rows: Tensor, _mean: Tensor, _var: Tensor
-    ) -> tuple[Any, ...]:
+    def backward(ctx: Any, grad_canvas: Tensor, grad_rows: Tensor) -> tuple[Any, ...]:
         """Gradients of canvas, rows, gamma and beta."""
-        canvas, rows, weights, gamma, _ = ctx.saved_tensors
-        below = grad_canvas.contiguous().numpy(), canvas.numpy(), weights.numpy()
+        if torch.is_grad_enabled():  # torch's own check takes 10 us of a layer's 100
+            raise RuntimeError("gradients of this normalisation have no gradients themselves")
+        canvas, rows, _, _ = ctx.saved_tensors
+        below = grad_canvas.contiguous().numpy(), canvas.detach().numpy(), ctx.weights
         to_rows, to_canvas, to_gamma, to_beta = gradients(
             _flat(grad_rows), _flat(rows), *below, ctx.n, *ctx.known
         )
         return (
             torch.from_numpy(to_canvas),
             _like(rows, to_rows),
-            *(None, None),
-            torch.from_numpy(to_gamma).to(gamma.dtype),
-            torch.from_numpy(to_beta).to(gamma.dtype),
-            *(None, None),
+            torch.from_numpy(to_gamma),
+            torch.from_numpy(to_beta),
+            *(None, None, None, None),
         )
 
 
@@ -185,5 +188,6 @@ def _map_in_torch(norm: Norm, x: BackgroundMap) -> BackgroundMap:
     canvas, rows, mean, var = WeightedNorm.apply(  # type: ignore[no-untyped-call]
         x.canvas, x.rows, weights, float(n), norm.weight, norm.bias, norm.eps
     )
-    _remember(norm, mean, var, n)
+    with torch.no_grad():
+        _remember(norm, mean, var, n)
     return BackgroundMap(canvas, rows, x.layout)

@@ -64,8 +64,10 @@ def tap_gradients(
 
 
 # The counts of channels are a closure's literals, so that the compiler unrolls the inner loop and makes vectors of the
-# outer one; of the rows it unrolled both, and made none, while it was told how many there are. Products and sums
-# are fused, so that what comes out does not depend on the width of vectors.
+# outer one; of the rows it unrolled both, and made none, while it was told how many there are. Weights and their
+# gradients lie in fresh memory, of which nothing else is a view: else it looks for overlaps at each pair, which took as
+# long as the pair's products. Products and sums are fused, so that what comes out does not depend on the width of
+# vectors.
 _OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
@@ -75,8 +77,9 @@ def _adding(c_in: int, c_out: int) -> Kernel:
     def add(
         out: Float, rows: Float, weight: Float, rows_in: Int, rows_out: Int, offsets: Int
     ) -> None:
+        own = np.empty((c_in, c_out), weight.dtype)  # fresh memory, of which nothing else is a view
         for tap in range(len(weight)):
-            own = weight[tap]
+            own[:] = weight[tap]
             for pair in range(offsets[tap], offsets[tap + 1]):
                 source, into = rows[rows_in[pair]], out[rows_out[pair]]
                 for j in range(c_out):
@@ -103,7 +106,7 @@ def _gradients(c_in: int, c_out: int) -> Kernel:
         to_weight: Float,
     ) -> None:
         turned = np.empty((c_out, c_in), weight.dtype)
-        own = np.empty((c_in, c_out), weight.dtype)  # fresh memory, of which nothing else is a view
+        own = np.empty((c_in, c_out), weight.dtype)
         for tap in range(len(weight)):
             turned[:] = weight[tap].T
             own[:] = 0

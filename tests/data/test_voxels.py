@@ -58,3 +58,11 @@ def test_grouping_is_what_plain_numpy_makes_of_it() -> None:
 
 def test_a_cloud_without_points_has_no_voxels() -> None:
     assert occupancy(np.zeros((0, 4), dtype=np.float32), GRID).shape == (0, 3)
+
+
+def test_points_on_the_upper_border_and_without_a_number_are_out_of_range() -> None:
+    low, high = np.array(GRID.range_velo[:3]), np.array(GRID.range_velo[3:])
+    points = np.stack([low, high, (low + high) / 2, np.full(3, np.nan)]).astype(np.float32)
+    points = np.column_stack([points, [1, 2, 3, 4]]).astype(np.float32)
+    assert GRID.inside(points).tolist() == [True, False, True, False]
+    assert GRID.cropped(points)[:, 3].tolist() == [1, 3]

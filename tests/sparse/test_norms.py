@@ -84,3 +84,10 @@ def test_a_block_is_its_three_layers_one_after_the_other(order: str) -> None:
     x = torch.randn(2, 3, 8, 8, dtype=torch.float64)
     torch.testing.assert_close(block(x), plain(x), rtol=1e-12, atol=1e-12)
     assert list(block.state_dict()) == list(plain.state_dict())
+
+
+def test_gradients_of_gradients_are_refused() -> None:
+    x = torch.randn(4, 3, requires_grad=True)
+    out = layers.BatchNorm1d(3)(x)
+    with pytest.raises(RuntimeError, match="have no gradients themselves"):
+        torch.autograd.grad(out.sum(), x, create_graph=True)
