@@ -70,26 +70,27 @@ class TapConvolution(torch.autograd.Function):
         return out
 
     @staticmethod
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:  # type: ignore[no-untyped-def]
-        """(N', C') -> gradients of the three."""
+    def backward(ctx, grad: Tensor) -> tuple[Tensor | None, Tensor, Tensor, None]:  # type: ignore[no-untyped-def]
+        """(N', C') -> gradients of the three; none of rows that are a network's input."""
         rows, weight = ctx.saved_tensors
         rules: Rulebook = ctx.rules
-        to_rows, to_weight = (
-            torch.zeros_like(t, dtype=dtype)
-            for t, dtype in zip((rows, weight), ctx.dtypes, strict=True)
-        )
+        of_rows, of_weight = ctx.dtypes
+        to_rows = torch.zeros_like(rows, dtype=of_rows) if ctx.needs_input_grad[0] else None
+        to_weight = torch.zeros_like(weight, dtype=of_weight)
         low = grad.to(rows.dtype)
         if has_few(rows, weight):
             numbers = low.contiguous().numpy(), rows.numpy(), weight.contiguous().numpy()
-            tap_gradients(*numbers, *rules.arrays, to_rows.numpy(), to_weight.numpy())
+            into = None if to_rows is None else to_rows.numpy()
+            tap_gradients(*numbers, *rules.arrays, into, to_weight.numpy())
             return to_rows, to_weight, grad, None
-        with each_row_once(to_rows):
+        with each_row_once(grad):
             for tap, (start, end) in enumerate(pairwise(rules.offsets)):
                 if end > start:
                     source, target = rules.rows_in[start:end], rules.rows_out[start:end]
                     own = low.index_select(0, target)
                     to_weight[tap] = rows.index_select(0, source).t() @ own
-                    to_rows.index_add_(0, source, (own @ weight[tap].t()).to(to_rows.dtype))
+                    if to_rows is not None:
+                        to_rows.index_add_(0, source, (own @ weight[tap].t()).to(of_rows))
         return to_rows, to_weight, grad, None
 
 

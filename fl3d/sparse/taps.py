@@ -44,7 +44,7 @@ def tap_gradients(
     rows_in: Int,
     rows_out: Int,
     offsets: Int,
-    to_rows: Float,
+    to_rows: Float | None,
     to_weight: Float,
 ) -> None:
     """Add what rows and weight receive from the gradient of the output.
@@ -56,11 +56,14 @@ def tap_gradients(
         rows_in: likewise.
         rows_out: likewise.
         offsets: likewise.
-        to_rows: (N, C), added to.
+        to_rows: (N, C), added to; None: it is not asked, as of a network's input.
         to_weight: (taps, C, C'), added to.
     """
     pairs = rows_in, rows_out, offsets
-    _gradients(*weight.shape[1:])(grad, rows, weight, *pairs, to_rows, to_weight)
+    if to_rows is None:
+        _weight_gradients(*weight.shape[1:])(grad, rows, *pairs, to_weight)
+    else:
+        _gradients(*weight.shape[1:])(grad, rows, weight, *pairs, to_rows, to_weight)
 
 
 # The counts of channels are a closure's literals, so that the compiler unrolls the inner loop and makes vectors of the
@@ -122,6 +125,27 @@ def _gradients(c_in: int, c_out: int) -> Kernel:
                     for j in range(c_out):
                         total += received[j] * turned[j, i]
                     into[i] = total
+            to_weight[tap] += own
+
+    kernel: Kernel = receive
+    return kernel
+
+
+@cache
+def _weight_gradients(c_in: int, c_out: int) -> Kernel:
+    @numba.njit(**_OPTIONS)
+    def receive(
+        grad: Float, rows: Float, rows_in: Int, rows_out: Int, offsets: Int, to_weight: Float
+    ) -> None:
+        own = np.empty((c_in, c_out), to_weight.dtype)
+        for tap in range(len(to_weight)):
+            own[:] = 0
+            for pair in range(offsets[tap], offsets[tap + 1]):
+                source, received = rows[rows_in[pair]], grad[rows_out[pair]]
+                for j in range(c_out):
+                    value = received[j]
+                    for i in range(c_in):
+                        own[i, j] += source[i] * value
             to_weight[tap] += own
 
     kernel: Kernel = receive

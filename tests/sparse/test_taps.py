@@ -25,6 +25,9 @@ def test_they_add_what_each_pair_gives_and_receives(c_in: int, c_out: int, dtype
     out, to_rows, to_weight = before.copy(), np.ones_like(rows), np.ones_like(weight)
     add_taps(out, rows, weight, rows_in, rows_out, offsets)
     tap_gradients(grad, rows, weight, rows_in, rows_out, offsets, to_rows, to_weight)
+    weight_alone = np.ones_like(weight)
+    tap_gradients(grad, rows, weight, rows_in, rows_out, offsets, None, weight_alone)
+    assert (weight_alone == to_weight).all()
 
     own = before.astype(np.float64)
     own_rows, own_weight = np.ones(rows.shape), np.ones(weight.shape)
