@@ -32,8 +32,9 @@ from fl3d.data.dataset import Frames
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.splits import read_split
 from fl3d.evaluation.bootstrap import resampled_aps, unit_weights
-from fl3d.evaluation.detections import compare_stored, read_validation
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.scoring import compare_stored
+from fl3d.evaluation.validation import read_validation
 from fl3d.inference.detect import detect_frames
 from fl3d.inference.load import load
 from fl3d.runs.layout import StoreFolder

@@ -13,9 +13,11 @@ from fl3d.data.calibration import AXES
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.labels import Labels, write_labels
 from fl3d.evaluation.counts import count_labels
-from fl3d.evaluation.detections import ground_truths, read_detections, read_validation, score
+from fl3d.evaluation.detections import read_detections
 from fl3d.evaluation.levels import Reason
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.scoring import ground_truths, score
+from fl3d.evaluation.validation import read_validation
 from fl3d.runs.layout import RunFolder
 from fl3d.store.memory import MemoryStore
 from fl3d.sweep.setup import Prepared

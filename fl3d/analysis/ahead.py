@@ -40,12 +40,14 @@ class Job:
         count: how many trials or networks it is about.
         run: called with the sweep and ``given``; a module's own function.
         given: plain values.
+        is_last: whether it reads what the others leave, as figures do: it is begun when they are done.
     """
 
     sweep: int
     count: int
     run: Run
     given: tuple[Any, ...] = ()
+    is_last: bool = False
 
 
 def contribution_jobs(
@@ -82,7 +84,7 @@ def make_ahead(sweeps: Sequence[FinishedSweep], jobs: Iterable[Job]) -> None:
 
     Args:
         sweeps: that the jobs are of.
-        jobs: independent of each other.
+        jobs: independent of each other, but for the last.
     """
     todo = sorted(jobs, key=lambda job: -job.count)
     total = sum(job.count for job in todo)
@@ -93,10 +95,11 @@ def make_ahead(sweeps: Sequence[FinishedSweep], jobs: Iterable[Job]) -> None:
         suppress(*KILLED),
         pool(min(cores(), len(todo)), _begin, (tuple(sweeps),), _modules(todo)) as workers,
     ):
-        running = {workers.submit(_do, job): job for job in todo}
-        for done in as_completed(running):
-            done.result()
-            advance(running[done].count)
+        for turn in (False, True):
+            running = {workers.submit(_do, job): job for job in todo if job.is_last is turn}
+            for done in as_completed(running):
+                done.result()
+                advance(running[done].count)
 
 
 def _modules(jobs: Sequence[Job]) -> list[str]:

@@ -18,7 +18,7 @@ from fl3d.core.errors import DataError
 from fl3d.data.label_table import LabelTable
 from fl3d.evaluation.average_precision import Comparison, Curve
 from fl3d.evaluation.bootstrap import N_RESAMPLES
-from fl3d.evaluation.detections import compare_stored
+from fl3d.evaluation.scoring import compare_stored
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.kept import Arrays, code_digest, is_kept, kept
 from fl3d.runs.trials import FinishedTrial

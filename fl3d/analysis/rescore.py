@@ -11,9 +11,9 @@ import pandas as pd
 from tqdm import tqdm
 
 from fl3d.core.errors import ConfigError, options
-from fl3d.evaluation.detections import score
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.results import APPLIES
+from fl3d.evaluation.scoring import score
 from fl3d.runs.design import label_of
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.plans import is_of_program

@@ -9,8 +9,9 @@ import pandas as pd
 
 from fl3d.core.digests import file_digest
 from fl3d.core.errors import DataError
-from fl3d.evaluation.detections import read_detections, score
+from fl3d.evaluation.detections import read_detections
 from fl3d.evaluation.results import results_digest
+from fl3d.evaluation.scoring import score
 from fl3d.runs.checkpoints import read_marker
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import RunFolder

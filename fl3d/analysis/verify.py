@@ -9,7 +9,8 @@ import pandas as pd
 from tqdm import tqdm
 
 from fl3d.core.errors import CheckpointError, DataError
-from fl3d.evaluation.detections import read_detections, score
+from fl3d.evaluation.detections import read_detections
+from fl3d.evaluation.scoring import score
 from fl3d.inference.scores import detect_again
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import RunFolder

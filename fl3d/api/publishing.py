@@ -173,7 +173,13 @@ def trained(asked: Words) -> FinishedSweep:
     Raises:
         StoreError: it could not be run to its end.
     """
-    train_sweep(asked.multirun, build(asked.multirun.sweeper, "hydra.sweeper"))
+    train_sweep(asked.multirun, build(asked.multirun.sweeper, "hydra.sweeper"), _say)
     sweep = open_words(asked)
     _check_finished(sweep)
     return sweep
+
+
+def _say(line: str) -> None:
+    """Print what a sweep says, but for where it wrote: into a folder that will have moved."""
+    if not line.startswith("Written to"):
+        print(line)

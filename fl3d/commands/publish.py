@@ -32,11 +32,16 @@ def run(arguments: list[str]) -> None:
         help=f"renew these alone, some of: {', '.join(SWEEPS)}",
     )
     given = arguments_of.parse_intermixed_args(arguments)
-    for name in given.only or ():
+    only = given.only or ()  # which takes all that comes behind it: words of config too
+    names = [word for word in only if "=" not in word]
+    words = [*given.overrides, *(word for word in only if "=" in word)]
+    for name in names:
         if name not in SWEEPS:
             raise ConfigError(f"--only {name}: {options(name, SWEEPS)}")
+    if only and not names:
+        raise ConfigError(f"--only: names no sweep; it can be {', '.join(SWEEPS)}")
     with loading():
         from fl3d.api.publishing import publish
 
-    *folders, index = publish(given.only or SWEEPS, given.overrides)
+    *folders, index = publish(names or SWEEPS, words)
     print(f"Written to {', '.join(map(str, folders))}; {index}.")

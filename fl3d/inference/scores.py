@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from fl3d.data.dataset import Frames
-from fl3d.evaluation.detections import Detections, Validation, read_detections, score
+from fl3d.evaluation.detections import Detections, read_detections
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.scoring import score
+from fl3d.evaluation.validation import Validation
 from fl3d.inference.detect import detect_frames
 from fl3d.inference.load import load
 from fl3d.runs.layout import RunFolder

@@ -14,8 +14,8 @@ from fl3d.core.errors import DataError
 from fl3d.data.calibration import Calibration
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.labels import Labels, check_sizes, labels_from_columns
-from fl3d.evaluation.detections import Validation
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.validation import Validation
 from fl3d.geometry.boxes import count_points_inside
 from fl3d.inspection.wanted import Wanted
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from fl3d.core.errors import DataError
 from fl3d.data.labels import Labels
 from fl3d.evaluation.counts import LabelCounts, count_labels
-from fl3d.evaluation.detections import ground_truths
+from fl3d.evaluation.scoring import ground_truths
 from fl3d.inspection.facts import Facts
 from fl3d.inspection.finding import Finding, error
 from fl3d.inspection.wanted import Wanted

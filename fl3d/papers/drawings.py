@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from fl3d.analysis.ahead import Job
 from fl3d.analysis.contributions import Contributions
-from fl3d.analysis.found import Judged
+from fl3d.analysis.found import Judged, judge_sweep
 from fl3d.papers.base import Feeding
 from fl3d.papers.curves import cut_curves, precision_curves
 from fl3d.papers.registry import papers_of
@@ -58,14 +60,36 @@ def curve_figures(
     }
 
 
+def drawing_jobs(place: int, sweep: FinishedSweep) -> Iterator[Job]:
+    """Jobs that draw what shows verdicts and curves of a sweep ahead; what was drawn before is the report's to see.
+
+    Args:
+        place: of the sweep.
+        sweep: its run folders must be at hand.
+    """
+    for name, draw in (("forest", _verdicts_ahead), ("precision_recall", _curves_ahead)):
+        if sweep.is_undrawn(f"{name}_{sweep.name}"):
+            yield Job(place, 1, draw, is_last=True)
+
+
+def _verdicts_ahead(sweep: FinishedSweep) -> None:
+    with TemporaryDirectory() as folder:
+        _draw(sweep, verdict_figures(sweep, judge_sweep(sweep)), Path(folder))
+
+
+def _curves_ahead(sweep: FinishedSweep) -> None:
+    with TemporaryDirectory() as folder:
+        _draw(sweep, curve_figures(sweep), Path(folder))
+
+
 def draw_verdicts(sweep: FinishedSweep, judged: Judged) -> list[Path]:
     """Write the figures of the verdicts; every file written."""
-    return _write_figures(sweep, verdict_figures(sweep, judged))
+    return _draw(sweep, verdict_figures(sweep, judged), _folder(sweep))
 
 
 def draw_curves(sweep: FinishedSweep, contributions: Contributions | None = None) -> list[Path]:
     """Write the curves of any sweep, see ``curve_figures``; every file written."""
-    return _write_figures(sweep, curve_figures(sweep, contributions))
+    return _draw(sweep, curve_figures(sweep, contributions), _folder(sweep))
 
 
 def draw_papers(sweep: FinishedSweep, feeding: Feeding) -> list[Path]:
@@ -75,15 +99,17 @@ def draw_papers(sweep: FinishedSweep, feeding: Feeding) -> list[Path]:
         sweep: its run folders must be at hand.
         feeding: finds the sweeps that feed a joint table with it.
     """
-    folder = sweep.settings.results_folder / "figures"
     drawing = [
         paper.draw for paper in papers_of(sweep.settings.sweep.tables) if paper.draw is not None
     ]
-    return [path for draw in drawing for path in draw(sweep, folder, feeding)]
+    return [path for draw in drawing for path in draw(sweep, _folder(sweep), feeding)]
 
 
-def _write_figures(sweep: FinishedSweep, figures: Mapping[str, ToDraw]) -> list[Path]:
-    folder = sweep.settings.results_folder / "figures"
+def _folder(sweep: FinishedSweep) -> Path:
+    return sweep.settings.results_folder / "figures"
+
+
+def _draw(sweep: FinishedSweep, figures: Mapping[str, ToDraw], folder: Path) -> list[Path]:
     return [
         path
         for name, figure in figures.items()

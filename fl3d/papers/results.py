@@ -9,7 +9,7 @@ from pathlib import Path
 from fl3d.analysis.ahead import Job, contribution_jobs
 from fl3d.core.files import remove_old_temporaries
 from fl3d.papers.base import Feeding, Say
-from fl3d.papers.drawings import FIGURES
+from fl3d.papers.drawings import FIGURES, drawing_jobs
 from fl3d.papers.registry import papers_of
 from fl3d.papers.tables import make_tables, rules_of, write_tables
 from fl3d.papers.views import remove_views
@@ -66,5 +66,6 @@ def jobs_of(sweeps: Sequence[FinishedSweep], curves: Sequence[FinishedSweep]) ->
         yield from contribution_jobs(
             place, sweep, rules_of(sweep), any(sweep is one for one in curves)
         )
+        yield from drawing_jobs(place, sweep) if any(sweep is one for one in curves) else ()
         for paper in papers_of(sweep.settings.sweep.tables):
             yield from paper.jobs(place, sweep) if paper.jobs is not None else ()

@@ -35,7 +35,9 @@ def verdict_text(row: Row, margin: float) -> str:
     if verdict is Verdict.NONE:
         return ONE_SEED if row["seeds"] == 1 else f"no verdict before {FEWEST} seeds{_more(row)}"
     if verdict is Verdict.EQUIVALENT:
-        return f"equivalent within {margin:g} AP"
+        is_same = row["gain_low"] == row["gain_high"] == 0
+        unread = ": the same to the bit, so nothing seems to read what it changes"
+        return f"equivalent within {margin:g} AP{unread if is_same else ''}"
     if verdict is Verdict.UNDECIDED:
         return f"undecided{_more(row)}"
     is_small = -margin < row["gain_low"] and row["gain_high"] < margin

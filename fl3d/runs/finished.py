@@ -12,10 +12,12 @@ import pandas as pd
 from fl3d.config.settings import Settings
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.average_precision import Comparison
-from fl3d.evaluation.detections import Validation, compare_stored, read_detections, read_validation
+from fl3d.evaluation.detections import read_detections
 from fl3d.evaluation.protocol import Protocol, split_metric
+from fl3d.evaluation.scoring import compare_stored
 from fl3d.evaluation.selection import select
 from fl3d.evaluation.stored import StoredDetections
+from fl3d.evaluation.validation import Validation, read_validation
 from fl3d.reports.levels import Levels
 from fl3d.runs.design import baseline_level, detector_levels, factor_name, in_order, label_of
 from fl3d.runs.layout import StoreFolder
@@ -201,6 +203,11 @@ class FinishedSweep:
         if not self.is_from_store:
             return None
         return StoreFolder(self.settings.store.root).drawn(self.settings.experiment, name)
+
+    def is_undrawn(self, name: str) -> bool:
+        """Whether a figure of it was never drawn, where drawn ones are kept; one that was may show what has changed."""
+        kept_as = self.drawn_as(name)
+        return kept_as is not None and not kept_as.exists()
 
     def kept_as(self, name: str) -> Path | None:
         """Where something is kept that is made of no trial alone, see ``kept``; None where only its scores are here."""

@@ -9,8 +9,9 @@ import numpy as np
 
 from fl3d.core.records import Trial
 from fl3d.data.kitti import KittiFolder
-from fl3d.evaluation.detections import Validation, read_detections
+from fl3d.evaluation.detections import read_detections
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.validation import Validation
 from fl3d.reports.figures.boxes import birds_eye
 from fl3d.runs.layout import StoreFolder
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 from fl3d.core.errors import CheckpointError, DataError
 from fl3d.core.records import Stage
-from fl3d.evaluation.detections import Validation
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.validation import Validation
 from fl3d.inference.scores import scores_of
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.spec import end_of

@@ -16,7 +16,7 @@ from fl3d.core.provenance import provenance, uncommitted
 from fl3d.core.records import Stage, Trial
 from fl3d.data.classes import CARS
 from fl3d.data.kitti import KittiFolder
-from fl3d.evaluation.detections import read_validation
+from fl3d.evaluation.validation import read_validation
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.plans import PlanFile, read_plan
 from fl3d.runs.spec import Machine, read_spec

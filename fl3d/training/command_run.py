@@ -15,8 +15,8 @@ from typing import Any
 from fl3d.core.errors import CheckpointError, DataError, TrainingError
 from fl3d.core.files import write_text
 from fl3d.core.leases import Lease
-from fl3d.evaluation.detections import Validation
 from fl3d.evaluation.results import read_results, write_results
+from fl3d.evaluation.validation import Validation
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import Spec
 from fl3d.training.command import Command, command_of

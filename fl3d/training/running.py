@@ -12,7 +12,7 @@ from fl3d.core.digests import file_digest
 from fl3d.core.errors import CheckpointError, Fl3dError, Unwritable
 from fl3d.core.leases import Lease
 from fl3d.core.records import Checkpoint
-from fl3d.evaluation.detections import Validation, read_validation
+from fl3d.evaluation.validation import Validation, read_validation
 from fl3d.inference.scores import scores_of
 from fl3d.runs.checkpoints import read_marker, write_marker
 from fl3d.runs.layout import RunFolder

@@ -12,13 +12,9 @@ from fl3d.analysis.samples import Comparisons, Samples, resample
 from fl3d.core.records import Checkpoint, Stage, Trial
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.bootstrap import N_RESAMPLES
-from fl3d.evaluation.detections import (
-    Detections,
-    read_detections,
-    read_validation,
-    score,
-    write_detections,
-)
+from fl3d.evaluation.detections import Detections, read_detections, write_detections
+from fl3d.evaluation.scoring import score
+from fl3d.evaluation.validation import read_validation
 from fl3d.runs.checkpoints import write_marker
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import RunFolder

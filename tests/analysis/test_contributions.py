@@ -13,7 +13,9 @@ from fl3d.analysis.contributions import CELL, CUTS, Contributions, above_cut
 from fl3d.analysis.rescore import rescore
 from fl3d.analysis.samples import compare_sweep
 from fl3d.core.errors import DataError
-from fl3d.evaluation.detections import Detections, compare_stored, read_validation, write_detections
+from fl3d.evaluation.detections import Detections, write_detections
+from fl3d.evaluation.scoring import compare_stored
+from fl3d.evaluation.validation import read_validation
 from fl3d.runs.finished import FinishedSweep
 from tests.analysis.making import detected_sweep, found_cars, resample_sweep
 from tests.support import small_sweep
@@ -162,6 +164,25 @@ def test_processes_make_the_same_bytes(
     for trial in sweep.trials:
         Contributions(sweep).make(trial, ["last"], curves=True)
     assert kept_files(sweep) == by_processes
+
+
+def _leave(sweep: FinishedSweep, place: str) -> None:
+    (Path(place) / "left").write_text("by an earlier job")
+
+
+def _read(sweep: FinishedSweep, place: str) -> None:
+    (Path(place) / "read").write_text((Path(place) / "left").read_text())
+
+
+def test_last_jobs_begin_when_the_others_are_done(
+    sweep: FinishedSweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ahead, "FEW", 1)
+    monkeypatch.setattr(ahead, "cores", lambda: 2)
+    given = (str(tmp_path),)
+    last = ahead.Job(0, 9, _read, given, is_last=True)  # the longest, and so first of its turn
+    make_ahead([sweep], [last, ahead.Job(0, 1, _leave, given)])
+    assert (tmp_path / "read").read_text() == "by an earlier job"
 
 
 def test_a_trial_without_detections_is_named(sweep: FinishedSweep, tmp_path: Path) -> None:

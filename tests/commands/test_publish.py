@@ -103,7 +103,7 @@ def test_a_sweep_that_ends_before_its_last_trial_is_not_published(
 ) -> None:
     before = contents(published)
 
-    def half(asked: object, _: object) -> None:
+    def half(asked: object, *_: object) -> None:
         raise StoreError("the disk is full")
 
     monkeypatch.setattr(publishing, "train_sweep", half)
@@ -176,3 +176,25 @@ def test_what_is_committed_is_made_small(tmp_path: Path) -> None:
     with Image.open(tmp_path / "curve.png") as picture:  # of few colours: as it was
         assert (np.asarray(picture.convert("RGB")) == np.asarray(drawn)).all()
     assert (tmp_path / "street.png").stat().st_size < before / 2
+
+
+def test_words_behind_only_are_words_and_not_sweeps(
+    published: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[list[str], list[str]]] = []
+    monkeypatch.setattr(
+        publishing, "publish", lambda names, words: asked.append((names, words)) or [published]
+    )
+    publish.run(["--only", "gamma", "profile=tiny", "loss_form", "store.root=runs"])
+    publish.run(["profile=tiny", "store.root=runs", "--only", "gamma", "loss_form"])
+    assert asked == [(["gamma", "loss_form"], ["profile=tiny", "store.root=runs"])] * 2
+    with pytest.raises(ConfigError, match="--only: names no sweep; it can be gamma, "):
+        publish.run(["--only", "profile=tiny"])
+
+
+def test_a_sweep_that_is_published_says_nothing_of_the_folder_that_will_have_moved(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    publishing._say("Written to .making/simulated-quick: tables")
+    publishing._say("Verdicts on VoxelNet")
+    assert capsys.readouterr().out == "Verdicts on VoxelNet\n"

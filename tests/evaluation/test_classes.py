@@ -14,15 +14,10 @@ from fl3d.data.classes import class_of, why_no_classes
 from fl3d.data.label_table import table_from_labels
 from fl3d.data.labels import Labels
 from fl3d.evaluation.average_precision import compare, evaluate
-from fl3d.evaluation.detections import (
-    Detections,
-    Validation,
-    read_detections,
-    score,
-    to_labels,
-    write_detections,
-)
+from fl3d.evaluation.detections import Detections, read_detections, to_labels, write_detections
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.scoring import score
+from fl3d.evaluation.validation import Validation
 
 SIZE = (1242, 375)
 OVERLAPS = {"Car": (0.7, 0.5, 0.5), "Pedestrian": (0.5, 0.25, 0.25), "Cone": (0.5, 0.25, 0.25)}

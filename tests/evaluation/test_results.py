@@ -10,10 +10,12 @@ from fl3d.config.compose import compose_config
 from fl3d.config.settings import read_settings
 from fl3d.core.errors import DataError
 from fl3d.data.kitti import KittiFolder
-from fl3d.evaluation.detections import read_detections, read_validation, score
+from fl3d.evaluation.detections import read_detections
 from fl3d.evaluation.folders import evaluate_folder
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.results import read_results, results_digest, write_results
+from fl3d.evaluation.scoring import score
+from fl3d.evaluation.validation import read_validation
 from tests.example_program import results
 
 NAMES = {"ap_r11": "ap_{}/{}", "ap_r40": "ap_{}_r40/{}"}

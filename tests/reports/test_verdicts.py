@@ -37,6 +37,10 @@ def row(verdict: Verdict, **changes: object) -> dict[str, object]:
         (row(Verdict.BETTER, gain_low=0.1, gain_high=0.4), "better, by less than 1 AP"),
         (row(Verdict.WORSE, gain_low=-0.4, gain_high=-0.1), "worse, by less than 1 AP"),
         (row(Verdict.EQUIVALENT), "equivalent within 1 AP"),
+        (
+            row(Verdict.EQUIVALENT, gain=0.0, gain_low=0.0, gain_high=0.0),
+            "equivalent within 1 AP: the same to the bit, so nothing seems to read what it changes",
+        ),
         (row(Verdict.UNDECIDED, more_seeds=4.0), "undecided, about 4 more seeds"),
         (row(Verdict.UNDECIDED, more_seeds=1.0), "undecided, about 1 more seed"),
         (

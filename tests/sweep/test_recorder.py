@@ -10,8 +10,8 @@ import pytest
 
 from fl3d.core.errors import StoreDown
 from fl3d.core.records import Checkpoint, Trial
-from fl3d.evaluation.detections import Validation
 from fl3d.evaluation.protocol import Protocol
+from fl3d.evaluation.validation import Validation
 from fl3d.runs.checkpoints import load_state, save_state, write_marker
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.spec import write_done, write_scores

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -71,17 +71,12 @@ def draw(sweep: FinishedSweep, folder: Path, feeding: Feeding) -> list[Path]:
     """
     if not _is_drawn(sweep):
         return []
-    written = _posteriors(sweep, folder)
-    written += _cumulative_losses(sweep, folder)
-    curves = partial(focal_curves, _gammas(sweep))
-    written += drawn(sweep.drawn_as, folder / "figure_1_arxiv", curves)
-    heights = partial(imbalance_by_height, _heights(sweep))
-    written += drawn(sweep.drawn_as, folder / "imbalance_by_height", heights)
+    written = [path for own in FIGURES.values() for path in own(sweep, folder)]
     return written + _scenes(sweep, folder)
 
 
 def jobs(place: int, sweep: FinishedSweep) -> Iterator[Job]:
-    """Windows that figures and claims need, and positives by height, as far as they are not kept.
+    """Windows that figures and claims need, positives by height, and figures, as far as they are not kept.
 
     Args:
         place: of the sweep.
@@ -94,9 +89,11 @@ def jobs(place: int, sweep: FinishedSweep) -> Iterator[Job]:
         if not is_kept(*_counted(sweep)):
             yield Job(place, 1, _positives_by_height)
         for detector in dict.fromkeys(detector for detector, *_ in _best(sweep)):
-            kept_as = sweep.drawn_as(_scenes_name(detector))
-            if kept_as is not None and not kept_as.exists():  # an old one is the report's to see
-                yield Job(place, 1, _draw_ahead, (detector,))
+            if sweep.is_undrawn(_scenes_name(detector)):
+                yield Job(place, 1, _scenes_ahead, (detector,))
+        for name in FIGURES:
+            if sweep.is_undrawn(name):
+                yield Job(place, 1, _draw_ahead, (name,), is_last=True)
 
 
 def _is_drawn(sweep: FinishedSweep) -> bool:
@@ -147,6 +144,18 @@ def _cumulative_losses(sweep: FinishedSweep, folder: Path) -> list[Path]:
             sampled[detector] = (windows.positive, windows.negative)
     losses = partial(figure_4, sampled, _gammas(sweep))
     return drawn(sweep.drawn_as, folder / "figure_4", losses)
+
+
+def _curves(sweep: FinishedSweep, folder: Path) -> list[Path]:
+    """Figure 1 of the arXiv version."""
+    curves = partial(focal_curves, _gammas(sweep))
+    return drawn(sweep.drawn_as, folder / "figure_1_arxiv", curves)
+
+
+def _imbalance(sweep: FinishedSweep, folder: Path) -> list[Path]:
+    """Positives of 3D-FCN by height."""
+    heights = partial(imbalance_by_height, _heights(sweep))
+    return drawn(sweep.drawn_as, folder / "imbalance_by_height", heights)
 
 
 def _gammas(sweep: FinishedSweep) -> list[float]:
@@ -243,7 +252,21 @@ def _scenes_name(detector: str) -> str:
     return f"figure_1_{slug(detector).replace('-', '')}"
 
 
-def _draw_ahead(sweep: FinishedSweep, detector: str) -> None:
+def _scenes_ahead(sweep: FinishedSweep, detector: str) -> None:
     """Draw a detector's Figure 1, which takes as long as all others together, and keep it."""
     with TemporaryDirectory() as folder:
         _scenes(sweep, Path(folder), detector)
+
+
+FIGURES: Mapping[str, Callable[[FinishedSweep, Path], list[Path]]] = {
+    "figure_5": _posteriors,
+    "figure_4": _cumulative_losses,
+    "figure_1_arxiv": _curves,
+    "imbalance_by_height": _imbalance,
+}
+
+
+def _draw_ahead(sweep: FinishedSweep, name: str) -> None:
+    """Draw one of ``FIGURES``, and keep it."""
+    with TemporaryDirectory() as folder:
+        FIGURES[name](sweep, Path(folder))
