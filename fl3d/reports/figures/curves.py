@@ -5,6 +5,7 @@ A panel a group, a curve a level.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -101,10 +102,12 @@ def ap_over_level(last: pd.DataFrame, levels: Levels, gains: pd.DataFrame | None
                 if len(base):
                     axes.axhline(base[metric].iloc[0], color=color, lw=0.5, ls=line, alpha=0.4)
         _keep_in_sight(axes, own[metrics].to_numpy())
-        long = max(len(level) for level in own["level"]) > 6
-        axes.set_xticks(
-            places, list(own["level"]), rotation=30 if long else 0, ha="right" if long else "center"
-        )
+        names = [
+            re.sub(r" (?=[\w.]+=)", "\n", str(level)) for level in own["level"]
+        ]  # a line a key
+        is_turned = max(len(level) for level in own["level"]) > 6
+        turn, side = (30, "right") if is_turned else (0, "center")
+        axes.set_xticks(places, names, rotation=turn, ha=side, rotation_mode="anchor")
         axes.set_xlabel(levels.head)
         axes.set_ylabel("AP of the last model (%)")
 
