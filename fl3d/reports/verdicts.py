@@ -36,7 +36,7 @@ def verdict_text(row: Row, margin: float) -> str:
         return ONE_SEED if row["seeds"] == 1 else f"no verdict before {FEWEST} seeds{_more(row)}"
     if verdict is Verdict.EQUIVALENT:
         is_same = row["gain_low"] == row["gain_high"] == 0
-        unread = ": the same to the bit, so nothing seems to read what it changes"
+        unread = ": the same AP in every resample, as if nothing read what it changes"
         return f"equivalent within {margin:g} AP{unread if is_same else ''}"
     if verdict is Verdict.UNDECIDED:
         return f"undecided{_more(row)}"

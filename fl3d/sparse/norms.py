@@ -49,7 +49,9 @@ def normalise(norm: Norm, x: Map, relu: Relu = "none") -> Any:
 @cache
 def _nothing(channels: int, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
     """The canvas of a tensor, and for how many positions its rows stand: there are none."""
-    return torch.empty(0, channels, dtype=dtype), torch.empty(0, dtype=torch.float64)
+    with torch.inference_mode(False):  # else what is kept could not be trained with afterwards
+        canvas = torch.empty(0, channels, dtype=dtype, device="cpu")
+        return canvas, torch.empty(0, dtype=torch.float64, device="cpu")
 
 
 def _compiled(
@@ -127,15 +129,15 @@ class _Normalise(torch.autograd.Function):
         """
         flat, below = _flat(rows), canvas.detach().numpy()
         before, behind = _places(relu)
-        of, scales = weights.numpy(), (gamma.detach().numpy(), beta.detach().numpy())
+        counts, scale, shift = weights.numpy(), gamma.detach().numpy(), beta.detach().numpy()
         mean, inverse, batch_mean, batch_var = statistics(
-            flat, below, of, n, norm.eps, scales[0], before
+            flat, below, counts, n, norm.eps, scale, before
         )
         _remember(norm, torch.from_numpy(batch_mean), torch.from_numpy(batch_var), n)
-        known = mean, inverse, *scales, before, behind
+        known = mean, inverse, scale, shift, before, behind
         out, own = from_statistics(flat, below, *known)
         ctx.save_for_backward(canvas, rows, gamma, beta)
-        ctx.weights, ctx.n, ctx.known = of, n, known
+        ctx.counts, ctx.n, ctx.known = counts, n, known
         return torch.from_numpy(own), _like(rows, out)
 
     @staticmethod
@@ -144,7 +146,7 @@ class _Normalise(torch.autograd.Function):
         if torch.is_grad_enabled():  # torch's own check takes 10 us of a layer's 100
             raise RuntimeError("gradients of this normalisation have no gradients themselves")
         canvas, rows, _, _ = ctx.saved_tensors
-        below = grad_canvas.contiguous().numpy(), canvas.detach().numpy(), ctx.weights
+        below = grad_canvas.contiguous().numpy(), canvas.detach().numpy(), ctx.counts
         to_rows, to_canvas, to_gamma, to_beta = gradients(
             _flat(grad_rows), _flat(rows), *below, ctx.n, *ctx.known
         )

@@ -39,7 +39,7 @@ def row(verdict: Verdict, **changes: object) -> dict[str, object]:
         (row(Verdict.EQUIVALENT), "equivalent within 1 AP"),
         (
             row(Verdict.EQUIVALENT, gain=0.0, gain_low=0.0, gain_high=0.0),
-            "equivalent within 1 AP: the same to the bit, so nothing seems to read what it changes",
+            "equivalent within 1 AP: the same AP in every resample, as if nothing read what it changes",
         ),
         (row(Verdict.UNDECIDED, more_seeds=4.0), "undecided, about 4 more seeds"),
         (row(Verdict.UNDECIDED, more_seeds=1.0), "undecided, about 1 more seed"),

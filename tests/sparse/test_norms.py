@@ -91,3 +91,11 @@ def test_gradients_of_gradients_are_refused() -> None:
     out = layers.BatchNorm1d(3)(x)
     with pytest.raises(RuntimeError, match="have no gradients themselves"):
         torch.autograd.grad(out.sum(), x, create_graph=True)
+
+
+def test_what_was_looked_at_in_inference_mode_can_be_trained_afterwards() -> None:
+    norm, x = layers.BatchNorm1d(37), torch.randn(5, 37)  # a width that no other test has
+    with torch.inference_mode():
+        norm.eval()(x)
+    norm.train()(x).sum().backward()
+    assert norm.bias.grad is not None
