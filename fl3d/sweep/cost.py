@@ -3,38 +3,27 @@
 from __future__ import annotations
 
 import contextlib
-import heapq
 import statistics
 import sys
-import time
 from array import array
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from pathlib import Path
-
-import torch
 
 from fl3d.config.objects import locate
 from fl3d.config.settings import read_stage_settings
 from fl3d.core.digests import digest
 from fl3d.core.errors import CheckpointError, ConfigError, StoreError
 from fl3d.core.records import Config, Stage
-from fl3d.detectors.base import Detector
-from fl3d.detectors.flops import layer_flops
-from fl3d.inference.load import build_detector
 from fl3d.runs.checkpoints import read_marker
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import read_spec
-from fl3d.sweep.plan import Plan, longest_paths
-from fl3d.training.build import build_optimizer
+from fl3d.sweep.network_cost import BACKWARD, NetworkCost, measure_speed, network_cost
 from fl3d.training.command import is_command
 
-BACKWARD = 2  # a backward pass costs twice a forward one
-BOX_BYTES, IMAGE_BOX_BYTES = (
-    30,
-    12,
-)  # of a stored detection, and of its own 2D box, compressed; as measured
+BOX_BYTES = 30  # of a stored detection, compressed; as measured
+IMAGE_BOX_BYTES = 12  # of its own 2D box, likewise
 PURPOSES = ("training", "detection", "scoring")
 
 
@@ -66,23 +55,6 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class _Network:
-    """What one configuration of a detector costs.
-
-    Args:
-        target: the detector.
-        flops: of a frame, forward.
-        step_flops: of a training step.
-        bytes: of a checkpoint.
-    """
-
-    target: str
-    flops: float
-    step_flops: float
-    bytes: float
-
-
-@dataclass(frozen=True)
 class _Rates:
     """What checkpoints of one kind took, seconds each.
 
@@ -105,7 +77,7 @@ class Costs:
 
     def __init__(self, stages_root: Path, n_val: int) -> None:
         self.stages_root, self.n_val = stages_root, n_val
-        self._networks: dict[str, _Network] = {}
+        self._networks: dict[str, NetworkCost] = {}
         self._rates: dict[tuple[str, str], _Rates] = {}  # by network and stage name
         self._medians: dict[tuple[str, str], tuple[float, float] | None] = {}
         self._learned: dict[str, int] = {}  # of each stage that was read, its newest checkpoint
@@ -218,14 +190,10 @@ class Costs:
         ]
         return statistics.median(found) if found else 1.0
 
-    def _network(self, stage: Stage) -> _Network:
+    def _network(self, stage: Stage) -> NetworkCost:
         kind = self._kind(stage)
         if kind not in self._networks:
-            flops = sum(layer_flops(lambda: build_detector(stage.config)).values())
-            step_flops = flops * read_stage_settings(stage.config).batch_size * (1 + BACKWARD)
-            self._networks[kind] = _Network(
-                stage.target, flops, step_flops, _state_bytes(stage.config)
-            )
+            self._networks[kind] = network_cost(stage.config)
         return self._networks[kind]
 
     def _kind(self, stage: Stage) -> str:
@@ -237,7 +205,7 @@ class Costs:
     def speed(self) -> float:
         """FLOP/s of one thread of this machine at convolutions, measured once, in a fifth of a second."""
         if self._speed is None:
-            self._speed = _measure_speed()
+            self._speed = measure_speed()
         return self._speed
 
 
@@ -276,64 +244,3 @@ def checkpoint_epochs(stage: Stage) -> list[int]:
 def checkpoint_every(stage: Stage) -> int:
     """Epochs between the checkpoints of a network."""
     return read_stage_settings(stage.config).checkpoint_every
-
-
-def makespan(plan: Plan, seconds: Mapping[str, float], slots: int) -> float:
-    """Time until all is done: stages start when their parent has ended, longest path first, on as many slots.
-
-    Args:
-        plan: of the sweep.
-        seconds: still to go for each stage; those without an entry are done.
-        slots: stages at once.
-    """
-    longest = longest_paths(plan, seconds)
-    children: dict[str | None, list[str]] = {}
-    for key in seconds:
-        parent = plan.stages[key].parent
-        children.setdefault(parent if parent in seconds else None, []).append(key)
-    ready = [(-longest[key], key) for key in children.get(None, [])]
-    heapq.heapify(ready)
-    running, now = list[tuple[float, str]](), 0.0
-    while ready or running:
-        while ready and len(running) < slots:
-            _, key = heapq.heappop(ready)
-            heapq.heappush(running, (now + seconds[key], key))
-        now, key = heapq.heappop(running)
-        for child in children.get(key, []):
-            heapq.heappush(ready, (-longest[child], child))
-    return now
-
-
-def _state_bytes(config: Config) -> float:
-    """Of a checkpoint's weights and optimiser, found by one step of the optimiser on zeros."""
-    with torch.device("meta"):  # no weights are drawn
-        detector: Detector = build_detector(config)
-    detector.to_empty(device="cpu")  # where Adam of torch 2.11 can read its count of steps
-    optimizer = build_optimizer(config, detector)
-    for parameter in detector.parameters():
-        parameter.data.zero_()
-        parameter.grad = torch.zeros_like(parameter)
-    optimizer.step()
-    moments = [
-        v
-        for state in optimizer.state.values()
-        for v in state.values()
-        if isinstance(v, torch.Tensor)
-    ]
-    tensors = [*detector.state_dict().values(), *moments]
-    return float(sum(tensor.numel() * tensor.element_size() for tensor in tensors))
-
-
-def _measure_speed() -> float:
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        images, kernels = torch.randn(1, 64, 64, 64), torch.randn(64, 64, 3, 3)
-        torch.nn.functional.conv2d(images, kernels, padding=1)
-        started, count = time.perf_counter(), 0
-        while time.perf_counter() - started < 0.2:
-            torch.nn.functional.conv2d(images, kernels, padding=1)
-            count += 1
-        return count * 2 * 9 * 64 * 64 * 64 * 64 / (time.perf_counter() - started)
-    finally:
-        torch.set_num_threads(threads)

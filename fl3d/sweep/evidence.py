@@ -13,7 +13,8 @@ from fl3d.core.errors import CheckpointError
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.spec import steps_done
 from fl3d.runs.trials import FinishedTrial
-from fl3d.sweep.cost import Costs, makespan
+from fl3d.sweep.cost import Costs
+from fl3d.sweep.makespan import makespan
 from fl3d.sweep.plan import Plan
 from fl3d.sweep.setup import Prepared
 from fl3d.sweep.sweepers.base import Evidence, Point, Standing, TrialState, Work

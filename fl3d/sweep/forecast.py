@@ -9,7 +9,8 @@ from fl3d.core.records import Stage
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.retention import kept_epochs
 from fl3d.runs.spec import steps_done
-from fl3d.sweep.cost import Costs, checkpoint_epochs, makespan
+from fl3d.sweep.cost import Costs, checkpoint_epochs
+from fl3d.sweep.makespan import makespan
 from fl3d.sweep.plan import Plan
 
 

@@ -14,7 +14,8 @@ from fl3d.core.records import Stage
 from fl3d.core.streams import is_terminal
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.spec import steps_done
-from fl3d.sweep.cost import Costs, makespan
+from fl3d.sweep.cost import Costs
+from fl3d.sweep.makespan import makespan
 from fl3d.sweep.plan import Plan
 from fl3d.sweep.scheduler import Scheduler
 from fl3d.sweep.tree import Apart

@@ -14,7 +14,8 @@ from fl3d.runs.checkpoints import write_marker
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.retention import kept_epochs
 from fl3d.runs.spec import Machine, Spec, write_spec
-from fl3d.sweep.cost import Costs, checkpoint_epochs, makespan
+from fl3d.sweep.cost import Costs, checkpoint_epochs
+from fl3d.sweep.makespan import makespan
 from fl3d.sweep.plan import DataInfo, Plan
 from fl3d.sweep.planner import Planner
 from fl3d.sweep.sweepers.grid import point_of
