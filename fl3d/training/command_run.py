@@ -5,14 +5,13 @@ What it has printed, how each of its starts ended, and the result files' numbers
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from fl3d.core.errors import CheckpointError, DataError, TrainingError
+from fl3d.core.errors import DataError, TrainingError
 from fl3d.core.files import write_text
 from fl3d.core.leases import Lease
 from fl3d.evaluation.results import read_results, write_results
@@ -20,6 +19,7 @@ from fl3d.evaluation.validation import Validation
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.spec import Spec
 from fl3d.training.command import Command, command_of
+from fl3d.training.command_line import CommandLine
 from fl3d.training.output import Output
 from fl3d.training.process import Exit, Process, read_exits, tail, wait_for_earlier
 from fl3d.training.program import read_program
@@ -30,14 +30,12 @@ from fl3d.training.result_folders import (
     check_frames,
     fingerprint,
     is_complete,
-    last_by_number,
     last_changed,
     newest_besides,
     put_aside,
     refuse_surplus,
 )
 from fl3d.training.running import StageRun
-from fl3d.training.templates import Bash, Line, fill, fill_text, shell_text
 
 PATIENCE_SECONDS = 30.0  # beyond its grace, for an earlier start of the command to end
 POLL_SECONDS = 1.0  # between looks at its result folders
@@ -52,7 +50,7 @@ class CommandRun(StageRun):
         super().__init__(folder, lease, spec)
         self.section: Mapping[str, Any] = self.stage.config["detector"]
         self.command: Command = command_of(self.section)
-        self.values = self._values()
+        self.line = CommandLine(self.command, folder, spec)
         numbers = Numbers(
             first=self.command.first_epoch,
             each=self.command.numbers_per_epoch,
@@ -60,7 +58,7 @@ class CommandRun(StageRun):
         )
         self.results = ResultFolders(
             self.command.results,
-            self.values,
+            self.line.values,
             folder.work,
             numbers,
             self.stage.epochs,
@@ -68,9 +66,6 @@ class CommandRun(StageRun):
         self.output = Output(folder.command_log, self.command.progress, numbers)
         self.settling = Settling(self.command.settle_seconds)
         self._marked = time.time()
-        self._resumed: Path | None = (
-            None  # the program's own checkpoint that this start goes on from
-        )
 
     @cached_property
     def labels(self) -> Validation:
@@ -100,13 +95,13 @@ class CommandRun(StageRun):
 
     def _start_and_watch(self) -> None:
         self._check_program("has changed since the sweep was planned")
-        arguments = self._arguments()
+        self.line.resume()
         self.output.skip()
         self._marked = time.time()
         with Process(
-            arguments,
-            Path(fill_text(self.command.cwd, self.values)),
-            {name: fill_text(text, self.values) for name, text in self.command.env.items()},
+            self.line.arguments(),
+            self.line.cwd,
+            self.line.env,
             self.folder.command_log,
             self.folder.command_exits,
             self.command.grace_seconds,
@@ -117,72 +112,6 @@ class CommandRun(StageRun):
                 self.show(self._steps())
                 self.lease.check()
                 process.wait(POLL_SECONDS)
-
-    def _arguments(self) -> list[str]:
-        """The command, with what is added of a parent and of an interrupted start."""
-        parent, own = self.stage.parent, None
-        if self.command.checkpoint is not None and self.command.resume:
-            own = self._checkpoint(self.folder)
-            self.values["checkpoint"] = str(own)
-        self._resumed = own
-        added = {
-            "from_parent": self._filled(self.command.from_parent, parent),
-            "resume": self._filled(self.command.resume, own),
-        }
-        named = self.command.named()
-        run = fill(self.command.run, self.values | {name: added[name] for name in named})
-        behind = [line for name, line in added.items() if line and name not in named]
-        if isinstance(run, str):
-            text = " ".join([run.rstrip(), *map(shell_text, behind)])
-            return ["bash", "-euo", "pipefail", "-c", text]
-        return [*run, *(word for line in behind for word in line)]
-
-    def _filled(self, line: Line, where: object) -> Line:
-        """What is added to the command: nothing where there is none to go on from."""
-        if where is None or not line:
-            return ()
-        filled = fill(line, self.values)
-        return Bash(filled) if isinstance(filled, str) else filled
-
-    def _values(self) -> dict[str, Any]:
-        """Of all places that a command may have."""
-        stage, work = self.stage, self.folder.work
-        values: dict[str, Any] = dict(_sections(stage.config)) | dict(self.section["places"])
-        values |= {
-            "folder": str(work),
-            "program": self.section["program"]["folder"],
-            "python": sys.executable,
-            "key": stage.key,
-            "stage": stage.name,
-            "data_root": str(self.kitti.root),
-            "train_split": str(self.folder.split("train")),
-            "val_split": str(self.folder.split("val")),
-            "epochs": stage.epochs,
-            "start_epoch": stage.start_epoch,
-            "end_epoch": stage.start_epoch + stage.epochs,
-        }
-        if stage.parent is not None:
-            parent = self.folder.beside(stage.parent)
-            if not parent.is_done:
-                raise CheckpointError(
-                    f"{parent.path}: it has not ended, and this stage goes on from it"
-                )
-            values["parent"] = str(parent.work)
-            if self.command.checkpoint is not None:
-                values["parent_checkpoint"] = self._parents_checkpoint(parent, values)
-        return values
-
-    def _parents_checkpoint(self, parent: RunFolder, values: Mapping[str, Any]) -> str:
-        pattern = fill_text(self.command.checkpoint or "", values)
-        found = last_by_number(pattern, parent.work)
-        if found is None and "parent_checkpoint" in self.command.places(has_parent=True):
-            raise CheckpointError(
-                f"{parent.work}: no file fits detector.checkpoint, {pattern}, of the stage that this one goes on from"
-            )
-        return str(found)
-
-    def _checkpoint(self, folder: RunFolder) -> Path | None:
-        return last_by_number(fill_text(self.command.checkpoint or "", self.values), folder.work)
 
     def _write_splits(self) -> None:
         for name, ids in (("train", self.machine.train_ids), ("val", self.machine.val_ids)):
@@ -295,9 +224,9 @@ class CommandRun(StageRun):
 
     def _went_on(self) -> str:
         """Many a program is ended while it writes its checkpoint, and then can never go on from it."""
-        if self._resumed is None:
+        if self.line.resumed is None:
             return ""
-        return f"; it was to go on from {self._resumed}: if that is broken, delete it and start the sweep again"
+        return f"; it was to go on from {self.line.resumed}: if that is broken, delete it and start the sweep again"
 
     def _check_results(self, starts: int) -> None:
         """Refuse a stage whose last epoch has no results, or that has results of other frames.
@@ -331,16 +260,6 @@ class CommandRun(StageRun):
             "the command itself has ended well: once detector.results and the like are right, the same sweep reads "
             f"what is there and trains nothing again; to run the command again delete {self.folder.path}"
         )
-
-
-def _sections(config: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Dotted keys of a nested config with their values, sections among them."""
-    found: list[tuple[str, Any]] = []
-    for key, value in config.items():
-        found.append((f"{prefix}{key}", value))
-        if isinstance(value, Mapping):
-            found += _sections(value, f"{prefix}{key}.")
-    return found
 
 
 def _indented(text: str) -> str:
