@@ -18,7 +18,7 @@ from fl3d.reports.figures.forest import forest
 from fl3d.runs.drawn import ToDraw, drawn
 from fl3d.runs.finished import FinishedSweep, levels_of
 
-FIGURES = (".csv", ".png", ".pdf")  # what each figure is written as
+FIGURE_ENDINGS = (".csv", ".png", ".pdf")  # what each figure is written as
 
 
 def score_figures(sweep: FinishedSweep) -> dict[str, ToDraw]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from fl3d.analysis.ahead import Job, contribution_jobs
 from fl3d.core.files import remove_old_temporaries
 from fl3d.papers.base import Feeding, Say
-from fl3d.papers.drawings import FIGURES, drawing_jobs
+from fl3d.papers.drawings import FIGURE_ENDINGS, drawing_jobs
 from fl3d.papers.registry import papers_of
 from fl3d.papers.tables import make_tables, rules_of, write_tables
 from fl3d.papers.views import remove_views
@@ -44,7 +44,7 @@ def write_sweep(sweep: FinishedSweep, feeding: Feeding, say: Say) -> tuple[list[
     steps = partial(ap_over_steps, sweep.scores, last, sweep.select("best"), levels)
     written += drawn(sweep.drawn_as, figures / f"ap_over_steps_{sweep.name}", steps)
     stem = figures / f"ap_over_level_{sweep.name}"
-    bars = [beside(stem, ending) for ending in FIGURES]
+    bars = [beside(stem, ending) for ending in FIGURE_ENDINGS]
     if is_new or not all(path.exists() for path in bars):
         ap_over_level(last, levels).write(stem)  # with intervals once tables are made again
     kept = [] if is_part else write_score_file(file, sweep.scores, sweep.plan)

@@ -10,7 +10,7 @@ from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import Judged, judge_sweep
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
 from fl3d.papers.base import Say
-from fl3d.papers.drawings import FIGURES, draw_verdicts
+from fl3d.papers.drawings import FIGURE_ENDINGS, draw_verdicts
 from fl3d.papers.judged_views import intervals_by_level, tables_of_verdicts
 from fl3d.papers.tables import GENERIC_AVERAGE, generic_name, paper_tables, write_tables
 from fl3d.reports.figures.style import beside
@@ -113,5 +113,5 @@ def remove_views(sweep: str, tables: Sequence[Table], folder: Path) -> None:
                 path.unlink()
     for path in (folder / "tables").glob(f"table_{sweep}_verdicts-*"):
         path.unlink()
-    for ending in FIGURES:  # no pattern: sweep.1 is another sweep than sweep
+    for ending in FIGURE_ENDINGS:  # no pattern: sweep.1 is another sweep than sweep
         beside(folder / "figures" / f"forest_{sweep}", ending).unlink(missing_ok=True)
