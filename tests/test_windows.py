@@ -10,6 +10,7 @@ import torch
 
 from fl3d.config.compose import compose_config
 from fl3d.data.dataset import Frames
+from fl3d.data.frame_digests import input_digest
 from fl3d.data.kitti import KittiFolder
 from fl3d.detectors.base import Detector
 from fl3d.inference import kept_windows
@@ -178,7 +179,7 @@ def test_a_stage_keeps_the_positives_of_its_last_checkpoint_which_a_report_then_
     frames = Frames(spec.kitti(), spec.machine.val_ids, 0)
     (made,) = collect_windows([load(folder, step)], frames, batch_size=spec.settings.batch_size)
     monkeypatch.setattr(kept_windows, "_run", None)  # a report need not
-    sweep: Any = SimpleNamespace(frames_digest=spec.kitti().read_digest(frames.ids))
+    sweep: Any = SimpleNamespace(frames_digest=input_digest(spec.kitti(), frames.ids))
     assert not missing_windows(sweep, [(folder, step)], [])
     np.testing.assert_array_equal(positives_of(sweep, folder, step), made.positive)
     assert len(made.positive) > 0

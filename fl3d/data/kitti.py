@@ -5,8 +5,7 @@ Geiger, Lenz, Urtasun: Are we ready for autonomous driving? The KITTI vision ben
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.core.digests import digest as digest_of
 from fl3d.core.errors import DataError, DataMissing, options
 from fl3d.data.calibration import AXES, MEAN, Calibration
 from fl3d.data.calibration_files import read_calibration
@@ -25,7 +23,7 @@ from fl3d.data.image_boxes import FoundInPictures, ImageBoxes, read_found
 from fl3d.data.labels import Labels, read_labels
 from fl3d.data.pictures import IMAGE_SIZE, find_picture, picture_size, size_without_picture
 from fl3d.data.splits import read_split
-from fl3d.data.text import is_there, read_bytes, unreadable
+from fl3d.data.text import is_there
 
 __all__ = ["IMAGE_SIZE", "SPLIT_SIZES", "Frame", "KittiFolder"]
 # Frames of the splits that everybody uses: train and val are those of Chen et al., 3D object proposals for accurate
@@ -34,7 +32,6 @@ SPLIT_SIZES = {"train": 3712, "val": 3769, "trainval": 7481, "sample_train": 22,
 CROPS = ("image", "none")
 CALIBRATIONS = ("frame", "mean", "axes")
 _KINDS = ("velodyne", "label_2", "calib", "image_2")  # a frame's files
-_CLOUD_SAMPLE = 4096  # bytes at either end of a cloud that enter the digest
 
 
 Stamp = tuple[tuple[str, int, int] | None, ...]  # of files: name, time of the last change, size
@@ -243,95 +240,6 @@ class KittiFolder:
             return self.without_picture
         calibration = self.read_calibration(frame_id)
         return size_without_picture(calibration, self.path("calib", frame_id))
-
-    def _size_by(self, known: dict[bytes, tuple[int, int]], frame_id: str) -> tuple[int, int]:
-        """``image_size``, where equal calibrations are looked at once.
-
-        Args:
-            known: sizes of frames without a picture by what their calibration's file holds; what is found is added.
-            frame_id: of the frame.
-
-        Raises:
-            DataError: see ``image_size``.
-        """
-        has_picture = find_picture(self.root / "training" / "image_2", frame_id) is not None
-        if has_picture or self.without_picture is not None or self.calibration != "frame":
-            return self.image_size(frame_id)
-        try:
-            content = self.path("calib", frame_id).read_bytes()
-        except OSError:
-            return self.image_size(frame_id)  # says what is wrong
-        if content not in known:
-            known[content] = self.image_size(frame_id)
-        return known[content]
-
-    def image_digest(self, frame_ids: Iterable[str]) -> str | None:
-        """Identity of what a 2D detector found in some frames; None where none was run."""
-        if self.image_boxes is None:
-            return None
-        digest = hashlib.sha256()
-        for frame_id in frame_ids:
-            digest.update(
-                frame_id.encode() + self.image_boxes.get(frame_id, np.zeros((0, 5))).tobytes()
-            )
-        return digest.hexdigest()[:16]
-
-    def read_digest(self, frame_ids: Sequence[str]) -> str:
-        """Identity of all that a network reads of some frames, wherever they lie."""
-        return digest_of([self.digest(frame_ids), self.image_digest(frame_ids)])
-
-    def digest(self, frame_ids: Iterable[str]) -> str:
-        """Identity of the data of some frames, wherever they lie.
-
-        Labels, calibrations and the pictures' sizes (they decide the crop) enter in full; of
-        a cloud its size and both ends (a full KITTI has 14 GB of clouds), so a change in a cloud's middle that keeps
-        its size goes unnoticed. How clouds are read enters where it is not as KITTI's.
-        """
-        digest = hashlib.sha256()
-        if self.cloud != CloudFormat():
-            digest.update(f"{self.cloud} ".encode())
-        if self.calibration == "axes":
-            digest.update(b"axes ")
-        kinds = self._kinds
-        known: dict[bytes, tuple[int, int]] = {}
-        for frame_id in frame_ids:
-            digest.update(f"{frame_id} {self._size_by(known, frame_id)} ".encode())
-            for kind in kinds:
-                content = read_bytes(self.path(kind, frame_id))
-                digest.update(f"{len(content)} ".encode() + content)
-            size, ends = _ends(self.path("velodyne", frame_id))
-            digest.update(str(size).encode() + ends)
-        return digest.hexdigest()[:16]
-
-    def labels_digest(self, frame_ids: Iterable[str]) -> str:
-        """Identity of what some frames are scored by, wherever they lie: their labels and calibrations.
-
-        Raises:
-            DataError: one of them cannot be read.
-        """
-        digest = hashlib.sha256()
-        for frame_id in frame_ids:
-            for kind in self._kinds:
-                content = read_bytes(self.path(kind, frame_id))
-                digest.update(f"{frame_id} {len(content)} ".encode() + content)
-        return digest.hexdigest()[:16]
-
-    @property
-    def _kinds(self) -> tuple[str, ...]:
-        """Of the text files that a frame has."""
-        return ("label_2",) if self.calibration == "axes" else ("label_2", "calib")
-
-
-def _ends(cloud: Path) -> tuple[int, bytes]:
-    """A cloud's size, and its first and last bytes."""
-    try:
-        with cloud.open("rb") as file:
-            size = cloud.stat().st_size
-            first = file.read(_CLOUD_SAMPLE)
-            file.seek(max(0, size - _CLOUD_SAMPLE))
-            return size, first + file.read(_CLOUD_SAMPLE)
-    except OSError as error:
-        raise unreadable(cloud, error) from None
 
 
 def _stamp(path: Path) -> tuple[str, int, int] | None:

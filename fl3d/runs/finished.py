@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from fl3d.config.settings import Settings
+from fl3d.data.frame_digests import input_digest
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.detections import read_detections
@@ -196,7 +197,7 @@ class FinishedSweep:
         Raises:
             DataError: they are not there.
         """
-        return self.kitti().read_digest(self.validation.ids)
+        return input_digest(self.kitti(), self.validation.ids)
 
     def drawn_as(self, name: str) -> Path | None:
         """Where a figure of it is kept as it was drawn, see ``runs.drawn``; None where only its scores are here."""

@@ -14,6 +14,7 @@ from fl3d.config.settings import StageSettings, read_stage_settings, stage_folde
 from fl3d.core.errors import DataError, DataMissing, StoreError
 from fl3d.core.files import write_text
 from fl3d.core.records import Stage
+from fl3d.data.frame_digests import labels_digest
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import MEAN_3D
@@ -105,7 +106,7 @@ class Spec:
         if not self.machine.labels_digest:
             return True
         try:
-            found = self._read(place).labels_digest(self.machine.val_ids)
+            found = labels_digest(self._read(place), self.machine.val_ids)
         except DataError:  # it has not all of them
             return False
         return found == self.machine.labels_digest

@@ -9,6 +9,7 @@ from fl3d.config.settings import DataSettings
 from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError, DataError, DataMissing
 from fl3d.data.dataset import subset
+from fl3d.data.frame_digests import data_digest, image_digest, labels_digest
 from fl3d.simulator.generate import Settings, generate, is_whole
 
 
@@ -76,12 +77,12 @@ def prepare_data(data: DataSettings) -> PreparedData:
     ):
         if not frames:
             raise DataError(f"names no frame, and is data.{key}", folder.split_path(name))
-    whole = digest([folder.digest(train), folder.digest(val)])[:16]
+    whole = digest([data_digest(folder, train), data_digest(folder, val)])[:16]
     return PreparedData(
         root=root,
         train_ids=tuple(train),
         val_ids=tuple(val),
         digest=whole,
-        image_digest=folder.image_digest([*train, *val]),
-        labels_digest=folder.labels_digest(val),
+        image_digest=image_digest(folder, [*train, *val]),
+        labels_digest=labels_digest(folder, val),
     )

@@ -16,6 +16,7 @@ from fl3d.core.errors import FAULTY, CheckpointError, ConfigError, Fl3dError, Un
 from fl3d.core.files import write_text
 from fl3d.core.leases import Lease, leased
 from fl3d.data.dataset import Frames, frames_with
+from fl3d.data.frame_digests import input_digest
 from fl3d.detectors.base import WindowDetector
 from fl3d.detectors.blocks import as_array
 from fl3d.evaluation.detections import write_detections
@@ -208,7 +209,7 @@ class _NetworkRun(StageRun):
         )
         write_detections(self.folder.detections(step), found)
         if is_asked:
-            frames = self.kitti.read_digest(self.machine.val_ids)
+            frames = input_digest(self.kitti, self.machine.val_ids)
             keep_positives(self.folder, step, sha256, frames, sampled_positives(positives))
 
     def _show(self, force: bool = False) -> None:

@@ -11,6 +11,7 @@ from fl3d.config.compose import compose_config
 from fl3d.config.settings import read_settings, read_stage_settings
 from fl3d.core.errors import ConfigError, DataError
 from fl3d.data.cloud_forms import CloudFormat
+from fl3d.data.frame_digests import data_digest
 from fl3d.data.kitti import KittiFolder
 from fl3d.sweep.identity import result_config
 
@@ -44,7 +45,7 @@ def test_without_a_camera_no_calibration_is_needed(copy: Path) -> None:
     assert len(frame.points_velo) > 1000
     assert frame.image_size == (1242, 375)
     ids = folder.split("train")
-    assert folder.digest(ids) != KittiFolder(copy, "none", "axes").digest(ids[1:])
+    assert data_digest(folder, ids) != data_digest(KittiFolder(copy, "none", "axes"), ids[1:])
 
 
 def test_without_a_camera_there_is_nothing_to_crop_to(simulated: Path) -> None:
@@ -54,8 +55,8 @@ def test_without_a_camera_there_is_nothing_to_crop_to(simulated: Path) -> None:
 
 def test_how_clouds_are_read_enters_the_digest_where_it_is_not_as_kittis(simulated: Path) -> None:
     ids = KittiFolder(simulated).split("train")
-    usual = KittiFolder(simulated).digest(ids)
-    assert KittiFolder(simulated, cloud=CloudFormat(None, None, 1)).digest(ids) == usual
+    usual = data_digest(KittiFolder(simulated), ids)
+    assert data_digest(KittiFolder(simulated, cloud=CloudFormat(None, None, 1)), ids) == usual
     others = [
         KittiFolder(simulated, cloud=CloudFormat(columns=4)),
         KittiFolder(simulated, cloud=CloudFormat(dtype="float32")),
@@ -63,7 +64,7 @@ def test_how_clouds_are_read_enters_the_digest_where_it_is_not_as_kittis(simulat
         KittiFolder(simulated, image_size=(1600, 900)),
         KittiFolder(simulated, crop="none", calibration="axes"),
     ]
-    digests = {folder.digest(ids) for folder in others}
+    digests = {data_digest(folder, ids) for folder in others}
     assert len(digests | {usual}) == 1 + len(others)
 
 
@@ -83,7 +84,7 @@ def test_clouds_of_other_endings_are_read(copy: Path) -> None:
     np.save(path.with_suffix(".npy"), points)
     folder = KittiFolder(copy)
     np.testing.assert_array_equal(folder.read_cloud(frame).points_velo, points)
-    assert len(folder.digest([frame])) == 16
+    assert len(data_digest(folder, [frame])) == 16
 
 
 def test_points_that_were_dropped_are_told(copy: Path) -> None:
@@ -102,7 +103,7 @@ def test_a_folder_in_the_place_of_any_file_is_named(copy: Path) -> None:
         content = path.read_bytes()
         path.unlink()
         path.mkdir()
-        for read in (KittiFolder(copy).frame, lambda name: KittiFolder(copy).digest([name])):
+        for read in (KittiFolder(copy).frame, lambda name: data_digest(KittiFolder(copy), [name])):
             with pytest.raises(DataError, match=f"{path.name}: is a folder, but a file is needed"):
                 read(frame)
         path.rmdir()

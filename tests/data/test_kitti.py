@@ -14,6 +14,7 @@ from fl3d.data.calibration import Calibration
 from fl3d.data.calibration_files import read_calibration, write_calibration
 from fl3d.data.clouds import read_cloud
 from fl3d.data.dataset import Frames, TargetRule, epoch_order, subset
+from fl3d.data.frame_digests import data_digest
 from fl3d.data.kitti import KittiFolder
 from fl3d.data.labels import read_labels, write_labels
 
@@ -198,17 +199,17 @@ def test_the_digest_knows_content_not_place(simulated: Path, tmp_path: Path) -> 
     ids = KittiFolder(simulated).split("train")
     copy = tmp_path / "copy"
     shutil.copytree(simulated, copy)
-    assert KittiFolder(copy).digest(ids) == KittiFolder(simulated).digest(ids)
+    assert data_digest(KittiFolder(copy), ids) == data_digest(KittiFolder(simulated), ids)
     picture = copy / "training" / "image_2" / f"{ids[0]}.png"
     picture.parent.mkdir()
     Image.new("RGB", (1224, 370)).save(picture)
-    assert KittiFolder(copy).digest(ids) != KittiFolder(simulated).digest(
-        ids
+    assert data_digest(KittiFolder(copy), ids) != data_digest(
+        KittiFolder(simulated), ids
     )  # another size crops otherwise
     picture.unlink()
     label = copy / "training" / "label_2" / f"{ids[0]}.txt"
     label.write_text(label.read_text() + LINE)
-    assert KittiFolder(copy).digest(ids) != KittiFolder(simulated).digest(ids)
+    assert data_digest(KittiFolder(copy), ids) != data_digest(KittiFolder(simulated), ids)
 
 
 def test_frames_are_kept_up_to_the_limit(simulated: Path, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fl3d.analysis.ahead import Job, window_jobs
 from fl3d.analysis.contributions import Contributions
 from fl3d.core.errors import StoreError
+from fl3d.data.frame_digests import data_digest
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.inference.kept_windows import Place, positives_of, windows_of
 from fl3d.inference.load import build_detector
@@ -211,7 +212,7 @@ def _counted(sweep: FinishedSweep) -> tuple[Path, dict[str, Any]]:
     """Where the count of positives by height is kept, and what it is made of."""
     spec = read_spec(sweep.trials[0].folder)
     return StoreFolder(sweep.settings.store.root).kept("positives_by_height"), {
-        "frames": sweep.kitti().digest(_counted_ids(sweep)),
+        "frames": data_digest(sweep.kitti(), _counted_ids(sweep)),
         "read": spec.stage.config["data"],
         "detector": full_size(FULL_GRID)["detector"],
         "code": code_digest("geometry", "data", "detectors"),

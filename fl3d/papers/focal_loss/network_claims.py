@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from torch import nn
 
+from fl3d.data.frame_digests import data_digest
 from fl3d.data.voxels import occupancy
 from fl3d.detectors.fcn3d import FCN3D
 from fl3d.detectors.voxelnet import VoxelNet
@@ -105,7 +106,7 @@ def _counts(sweep: FinishedSweep) -> Arrays:
         return {name: np.array(count) for name, count in counts.items()}
 
     made_of = {
-        "frames": kitti.digest(ids),
+        "frames": data_digest(kitti, ids),
         "read": spec.stage.config["data"],
         "configs": [{key: one[key] for key in ("detector", "loss")} for one in configs],
         "code": code_digest("geometry", "data", "losses.py", "sparse", "detectors", *HERE),
