@@ -59,7 +59,8 @@ class DetectionLoss:
         beta: weight of the negatives (Eq. 11).
         eta: weight of the classification against the regression (Eq. 8).
         regression: ``square``, the squared error (3D-FCN), or ``smooth_l1`` (VoxelNet).
-        sigma: of Smooth-L1, whose switch lies at 1 / sigma^2: 1 in Fast R-CNN (Eq. 3); the paper's code uses 3.
+        sigma: of Smooth-L1, whose switch lies at 1 / sigma^2; the paper's code uses 3. Fast R-CNN (Eq. 3 there)
+            has its switch at 1, and no sigma.
         normalize: divide by the numbers of positives and negatives.
         regression_weight: None: the regression is divided like the rest; a number: its sum times this (the paper's
             code for 3D-FCN: 0.02).

@@ -1,4 +1,4 @@
-"""PointRCNN's box code: places and headings as a bin and a residual in it (Shi et al. 2019, §3.1, Eq. 2-4).
+"""PointRCNN's box code: places and headings as a bin and a residual in it (Shi et al. 2019, §3.1 and §3.3).
 
 Boxes are rows of x, y, z of their *centre*, h, w, l, yaw in metres and radians; x and y lie in the ground plane.
 """

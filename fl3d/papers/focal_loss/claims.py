@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
-from fl3d.analysis.contributions import Contributions
+from fl3d.analysis.contributions import CUTS, Contributions
 from fl3d.inference.kept_windows import Place, made_of, positives_of, windows_of
 from fl3d.papers.base import with_values
 from fl3d.papers.claim import Claim, claims_table
@@ -20,8 +20,10 @@ from fl3d.papers.focal_loss.best_models import (
     improvements,
 )
 from fl3d.papers.focal_loss.concentration_claims import Carried, carried, concentration_claims
-from fl3d.papers.focal_loss.figures import posteriors_of
+from fl3d.papers.focal_loss.cut_claim import NO_CUT, PAPERS_CUT, AtCuts, cut_claim
+from fl3d.papers.focal_loss.figures import posteriors_of, windows_by_height
 from fl3d.papers.focal_loss.gain_claims import gain_claims
+from fl3d.papers.focal_loss.height_claim import height_claim
 from fl3d.papers.focal_loss.loss_term_claims import loss_term_claims
 from fl3d.papers.focal_loss.network_claims import network_claims
 from fl3d.papers.focal_loss.order_claim import order_claim
@@ -89,7 +91,8 @@ def _of_gamma(source: Contributions) -> list[Claim]:
     claims += [best_claim(*improved), *step_claims()]
     claims += [_half_of_loss(sweep)]
     claims += concentration_claims(_carried(sweep, "3D-FCN"), _carried(sweep, "VoxelNet"))
-    return [*claims, *_peaks(sweep), *network_claims(sweep)]
+    claims += [*_peaks(sweep), *_cuts(source)]
+    return [*claims, height_claim(windows_by_height(sweep)), *network_claims(sweep)]
 
 
 def _tables(sweep: FinishedSweep) -> Sequence[str]:
@@ -140,6 +143,7 @@ def _carried_by(sweep: FinishedSweep, folder: RunFolder, step: int) -> Carried:
         few=float(found["few"]),
         apart=float(found["apart"]),
         moved=_pair(found["moved"]),
+        parted=float(found["parted"]),
     )
 
 
@@ -163,6 +167,17 @@ def _best_focal(sweep: FinishedSweep, detector: str) -> tuple[float, list[Place]
         (sweep.trial(str(key)).holder(int(step)), int(step))
         for key, step in zip(chosen["trial"], chosen["step"], strict=True)
     ]
+
+
+def _cuts(source: Contributions) -> list[Claim]:
+    """A claim for each detector: what the largest gamma loses by a cut of scores."""
+    found: dict[str, dict[float, dict[int, AtCuts]]] = {}
+    for trial in source.sweep.trials:
+        by_gamma = found.setdefault(trial.detector, {})
+        aps = dict(zip(CUTS, source.at_cuts(trial), strict=True))
+        at_both = (float(aps[NO_CUT]), float(aps[PAPERS_CUT]))
+        by_gamma.setdefault(gamma_of(trial.plan), {})[trial.seed] = at_both
+    return [cut_claim(detector, aps) for detector, aps in sorted(found.items())]
 
 
 def _peaks(sweep: FinishedSweep) -> list[Claim]:

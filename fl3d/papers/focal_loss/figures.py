@@ -155,7 +155,7 @@ def _curves(sweep: FinishedSweep, folder: Path) -> list[Path]:
 
 def _imbalance(sweep: FinishedSweep, folder: Path) -> list[Path]:
     """Positives of 3D-FCN by height."""
-    heights = partial(imbalance_by_height, _heights(sweep))
+    heights = partial(imbalance_by_height, windows_by_height(sweep))
     return drawn(sweep.drawn_as, folder / "imbalance_by_height", heights)
 
 
@@ -180,7 +180,7 @@ def _best(sweep: FinishedSweep) -> list[tuple[str, str, int, float]]:
     return found
 
 
-def _heights(sweep: FinishedSweep) -> pd.DataFrame:
+def windows_by_height(sweep: FinishedSweep) -> pd.DataFrame:
     """Positive and negative windows of 3D-FCN's full grid, a frame, by height; over training frames of the sweep."""
     detector = _full_grid()
     nz, ny, nx = detector.cells

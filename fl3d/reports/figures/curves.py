@@ -182,7 +182,7 @@ def precision_recall(
 
 
 def best_of_k_figure(data: pd.DataFrame, levels: Levels) -> Drawn:
-    """Mean 3D AP moderate of the best of k checkpoints of a trial's whole curve: what looking k times is worth.
+    """Mean 3D AP moderate of the best of k checkpoints of a trial's last stage: what looking k times is worth.
 
     Args:
         data: see ``analysis.split_halves.best_of_k_checkpoints``.
