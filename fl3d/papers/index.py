@@ -10,7 +10,7 @@ from fl3d.papers.published import SWEEPS
 HEAD = """# Results
 
 Made by `make publish`; each folder is one kind of data and one profile. Its `stamp.json` says from which data, and by
-which commit and on which machine each of its sweeps was made. Of your own runs `make report` makes one page, with all figures.
+which commit and on which machine each of its sweeps was made. Of your own runs `make report` makes a page with figures.
 What was found comes first: for each level a verdict by its gain over the baseline, from three seeds of training on.
 """
 VERDICTS = "_verdicts-"  # in the names of their tables
