@@ -40,6 +40,7 @@ class Judged:
         units: what was resampled.
         margin: of the verdicts, AP.
         left_out: trials that are not done, or whose baseline is not, one sentence a group and level.
+        baseline: level that the others are held against; empty: it is not said.
     """
 
     samples: Samples
@@ -48,6 +49,7 @@ class Judged:
     units: Units
     margin: float
     left_out: tuple[str, ...]
+    baseline: str = ""
 
 
 def judge_sweep(
@@ -84,6 +86,7 @@ def judge_sweep(
         units=made.units,
         margin=asked.margin,
         left_out=tuple(left_out(sweep)),
+        baseline=sweep.baseline,
     )
 
 

@@ -64,14 +64,27 @@ class PaperTable(ABC):
         """The table beside the published one; None where its own form has the published cells already."""
         return None
 
+    def base_level(self, sweep: FinishedSweep) -> str | None:
+        """Level that the paper holds the others of its table against, as the sweep calls it.
+
+        None: the paper has none, or no trial of it is done; then it is the sweep's own baseline.
+        """
+        return None
+
     def intervals(self, table: Table, judged: Judged) -> Table | None:
         """The table with intervals and verdicts; None where it has none.
 
         Args:
             table: as made.
-            judged: what the sweep has found, by the table's rule.
+            judged: what the sweep has found, by the table's rule and against its ``base_level``.
         """
         return None
+
+    def level_of(self, sweep: FinishedSweep, is_base: Callable[[FrozenTrial], bool]) -> str | None:
+        """The one level of the trials that have a row in it and are of its baseline; None: none, or several."""
+        rows = self.rows(sweep)
+        own = {trial.level for trial in sweep.trials if trial.key in rows and is_base(trial.plan)}
+        return own.pop() if len(own) == 1 else None
 
     def rows(self, sweep: FinishedSweep) -> set[str]:
         """Keys of the trials that have a row in it."""

@@ -78,19 +78,31 @@ def interval_views(
 ) -> list[Table]:
     """The tables with intervals and verdicts."""
     named = {table.number: table for table in paper_tables(sweep)}
-    by_rule = {"last": judged}
+    found = {("last", sweep.baseline): judged}
     views = []
     for table in tables:
         paper_table = named.get(table.name)
-        rule = paper_table.rule if paper_table else "last"
-        if rule not in by_rule:
-            by_rule[rule] = judge_sweep(sweep, rule, contributions=contributions)
-        if paper_table is not None:
-            view = paper_table.intervals(table, by_rule[rule])
-        else:
+        if paper_table is None:
             view = _generic_intervals(sweep, table, judged)
+        else:
+            # A paper's bold and its verdicts are about the paper's baseline, whichever the sweep was asked for.
+            held = sweep.against(paper_table.base_level(sweep) or sweep.baseline)
+            place = (paper_table.rule, held.baseline)
+            if place not in found:
+                found[place] = judge_sweep(held, paper_table.rule, contributions=contributions)
+            view = paper_table.intervals(table, found[place])
+            view = view and view.with_notes(*view.notes, *_other_baseline(sweep, held))
         views += [view] if view is not None else []
     return views
+
+
+def _other_baseline(sweep: FinishedSweep, held: FinishedSweep) -> tuple[str, ...]:
+    """What must be said where a paper's table is held against another level than the sweep."""
+    if held is sweep:
+        return ()
+    levels = levels_of(sweep)
+    own, papers = levels.text(sweep.baseline), levels.text(held.baseline)
+    return (f"Held against {papers}, as in the paper; the sweep's own verdicts are against {own}.",)
 
 
 def _generic_intervals(sweep: FinishedSweep, table: Table, judged: Judged) -> Table | None:

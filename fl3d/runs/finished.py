@@ -111,6 +111,13 @@ class FinishedSweep:
         )
         return baseline_level(levels, self.factor, asked, named)
 
+    def against(self, level: str) -> FinishedSweep:
+        """The same sweep, of which the other levels are held against this one."""
+        if level == self.baseline:
+            return self
+        asked = replace(self.settings.sweep, baseline=level)
+        return replace(self, settings=replace(self.settings, sweep=asked))
+
     @cached_property
     def levels(self) -> list[str]:
         """Labels of the levels of its trials: by number where they are numbers, else as the sweep names them."""

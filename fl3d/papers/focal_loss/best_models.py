@@ -95,6 +95,10 @@ class BestModels(PaperTable):
         ]
         return beside(table, keys, published, (f"The paper's rows: {'; '.join(theirs)}.",))
 
+    def base_level(self, sweep: FinishedSweep) -> str | None:
+        """That of gamma = 0."""
+        return self.level_of(sweep, lambda trial: gamma_of(trial) == 0)
+
     def intervals(self, table: Table, judged: Judged) -> Table:
         """APs of the best models, and no marks: checkpoint and gamma were chosen on the frames that judge them."""
         gains = judged.gains

@@ -85,9 +85,15 @@ class LastModels(PaperTable):
         published = Published(rows=printed, base_of=lambda key: "0", is_ordered=True)
         return beside(table, [cell.text for cell in table.column("gamma")], published)
 
+    def base_level(self, sweep: FinishedSweep) -> str | None:
+        """That of gamma = 0."""
+        return self.level_of(sweep, lambda trial: gamma_of(trial) == 0)
+
     def intervals(self, table: Table, judged: Judged) -> Table | None:
-        """Gains over the baseline; None where no trial of it is done."""
-        return intervals_by_level(table, judged, self.detector, BASE)
+        """Gains over gamma = 0; without it over the sweep's baseline, and None where no trial of that is done."""
+        rows = [cell.text for cell in table.column("gamma")]
+        bold = f"better than γ = {judged.baseline}" if judged.baseline in rows else BASE
+        return intervals_by_level(table, judged, self.detector, bold)
 
 
 class LossForms(PaperTable):
@@ -136,10 +142,20 @@ class LossForms(PaperTable):
         published = Published(rows=printed, base_of=lambda key: FORMS[False])
         return beside(table, [cell.text for cell in table.column("loss")], published)
 
+    def base_level(self, sweep: FinishedSweep) -> str | None:
+        """That of the original loss."""
+        return self.level_of(sweep, lambda trial: not self.row_of(trial))
+
     def intervals(self, table: Table, judged: Judged) -> Table | None:
-        """Gains over the original loss; None where no trial of it is done."""
-        bold = "better than the original"
-        return intervals_by_level(table, judged, self.detector, bold, row_of=str.capitalize)
+        """Gains over the original loss, or the enhanced one where it alone is done; None where neither is."""
+        is_enhanced = _form(judged.baseline) == FORMS[True]
+        bold = f"better than the {FORMS[is_enhanced].lower()}"
+        return intervals_by_level(table, judged, self.detector, bold, row_of=_form)
+
+
+def _form(level: str) -> str:
+    """A row of Table V, of a level: a loss by its name, or by whether it is normalised."""
+    return FORMS[level == "true"] if level in ("false", "true") else level.capitalize()
 
 
 LAST_3D_FCN = LastModels("focal_loss.last_3d_fcn", "II", "3D-FCN")
