@@ -86,13 +86,14 @@ def best_of_k(values: Float) -> Float:
 def best_of_k_checkpoints(scores: pd.DataFrame) -> pd.DataFrame:
     """Mean 3D AP moderate of the best of k checkpoints of a trial's last stage, seeds averaged.
 
-    Those of a shared beginning are no choice between levels: all have them.
+    Those of a shared beginning are no choice between levels: all have them. A curve ends at the seed with the fewest
+    checkpoints: beyond it the mean would be of other seeds, and could fall.
 
     Args:
         scores: tidy, with ``first_own_step``.
 
     Returns:
-        a row for each group, level and k: ``best``.
+        a row for each group, level and k that every seed of the level has: ``best``.
     """
     parts = []
     last = scores[scores["step"] > scores["first_own_step"]]
@@ -101,4 +102,7 @@ def best_of_k_checkpoints(scores: pd.DataFrame) -> pd.DataFrame:
         front = {"group": group, "level": level, "seed": seed}
         parts.append(pd.DataFrame(front | {"k": np.arange(1, len(best) + 1), "best": best}))
     every = pd.concat(parts, ignore_index=True)
+    fewest = every.groupby(["group", "level", "seed"])["k"].max().groupby(["group", "level"]).min()
+    places = pd.MultiIndex.from_frame(every[["group", "level"]])
+    every = every[every["k"].to_numpy() <= fewest.reindex(places).to_numpy()]
     return every.groupby(["group", "level", "k"], sort=False)["best"].mean().reset_index()

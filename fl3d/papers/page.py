@@ -53,11 +53,12 @@ CAPTIONS = {
     "ap_over_level": "AP of the last models by level, the mean over the seeds of training that the baseline has too; "
     "bars: 95 % intervals of 3D moderate (over frames alone where there is one seed; they may leave the panel); thin "
     "lines: the baseline, of all its seeds.",
-    "ap_over_steps": "3D AP moderate of every checkpoint: of each level the mean over its own seeds of training, in a "
-    "band from the lowest to the highest (none around one seed); marks: the seeds' last and best, on average; the "
-    "dotted line is where each trial's last stage begins.",
+    "ap_over_steps": "3D AP moderate over training: of each level the mean over its own seeds of training, at steps "
+    "at which all of these have a checkpoint, in a band from the lowest to the highest (none around one seed); marks: "
+    "the seeds' last and best, on average; dotted is where the trials' last stages begin, in a level's colour where "
+    "levels differ in that.",
     "best_of_k": "Mean of the best of k checkpoints of a trial's last stage, and over each level's own seeds of "
-    "training: much of the rise is training itself.",
+    "training, for as many as all of these have: much of the rise is training itself.",
     "precision_recall": "Precision against recall of the last models, 3D moderate: at each recall the mean over each "
     "level's own seeds of training.",
     "ap_over_cut": "3D AP moderate against the score below which detections are dropped, the mean over each level's "

@@ -56,7 +56,8 @@ def halves_table(
     for group, own in frame.groupby("group"):
         means = own.groupby("level", sort=False)[list(HEADS)[:-1]].mean().reset_index()
         rows += [_row(str(group), row) for row in levels.sorted(means).to_dict("records")]
-    n = min(LAST, int(counts.max()))
+    fewest, most = (min(LAST, int(count)) for count in (counts.min(), counts.max()))
+    n = str(most) if fewest == most else f"{fewest} to {most}"
     seeds = seeds_note(seeds_by(levels.sorted(last), ["group", "level"]))
     among = "/".join(str(count) for count in sorted(counts.unique()))
     return Table(

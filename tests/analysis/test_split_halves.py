@@ -47,6 +47,15 @@ def test_curves_of_levels_keep_apart_and_seeds_are_averaged() -> None:
     assert whole["enhanced"].tolist() == pytest.approx([15 + 4, (20 + 20 + 15) / 3 + 4, 20 + 4])
 
 
+def test_the_best_of_more_is_never_less_where_seeds_have_unlike_numbers_of_checkpoints() -> None:
+    """Three checkpoints of seed 0 at 80, five of seed 1 at 20: the mean is 50 of one, two and three."""
+    rows = [(0, step, 80.0) for step in range(3)] + [(1, step, 20.0) for step in range(5)]
+    scores = pd.DataFrame(rows, columns=["seed", "step", "ap_3d/moderate"])
+    found = best_of_k_checkpoints(scores.assign(group="any", level="0", first_own_step=-1))
+    assert found["k"].tolist() == [1, 2, 3]
+    assert found["best"].tolist() == pytest.approx([50, 50, 50])
+
+
 def test_checkpoints_of_a_shared_beginning_are_no_choice() -> None:
     """10 at the first step, which all levels share; 20 and 15 of the trial's own stage."""
     scores = tidy_scores(["original"], groups=("VoxelNet",)).assign(first_own_step=10)

@@ -16,7 +16,7 @@ from fl3d.reports.figures.curves import (
     best_of_k_figure,
     precision_recall,
 )
-from fl3d.reports.figures.style import STYLE, save, write_data
+from fl3d.reports.figures.style import STYLE, save, shades, write_data
 from fl3d.reports.levels import Levels
 from tests.reports.frames import GROUPS, is_figure, tidy_scores
 
@@ -66,6 +66,33 @@ def test_a_band_reaches_from_the_lowest_to_the_highest_seed(
     line = axes.lines[0]
     assert list(line.get_ydata()) == [ap + 4.0 * (len(seeds) > 1) for ap in (10.0, 20.0, 15.0)]
     assert bands(axes) == ([] if len(seeds) == 1 else [(10.0, 28.0)])
+
+
+def test_a_curve_is_of_the_same_seeds_at_all_of_its_steps() -> None:
+    """Seed 1, which is 4 higher, has no checkpoint at step 20: without it the curve would be 20 there."""
+    scores = tidy_scores(["0"], ["VoxelNet"], (0, 1))
+    scores["ap_3d/moderate"] += scores["seed"] * 4.0
+    scores = scores[(scores["seed"] == 0) | (scores["step"] != 20)]
+    last = scores[scores["step"] == 30]
+    (axes,) = ap_over_steps(scores, last, last, GAMMAS).figure.axes
+    assert axes.lines[0].get_xydata().tolist() == [[10, 12], [30, 17]]
+    assert bands(axes) == [(10.0, 19.0)]
+
+
+def test_each_levels_last_stage_begins_where_it_does() -> None:
+    """One line where all begin at step 5; else one of each level in its colour."""
+    scores = tidy_scores(["0", "2"], ["VoxelNet"], (0, 1))
+    last = scores[scores["step"] == 30]
+
+    def forks() -> list[tuple[float, str]]:
+        (axes,) = ap_over_steps(scores, last, last, GAMMAS).figure.axes
+        own = [line for line in axes.lines if line.get_linestyle() == ":"]
+        return [(line.get_xdata()[0], str(line.get_color())) for line in own]
+
+    assert forks() == [(5, "0.6")]
+    scores.loc[scores["level"] == "2", "first_own_step"] = 15
+    colors = [str(color) for _, (color, _) in shades(GAMMAS.labels)]
+    assert forks() == [(5, colors[0]), (15, colors[1])]
 
 
 def test_long_bars_leave_the_panel_and_curves_stay_legible() -> None:

@@ -38,6 +38,17 @@ def test_last_best_and_honest_best_stand_side_by_side() -> None:
     assert to_markdown(table).startswith("Last, best and honest best")
 
 
+def test_of_unlike_numbers_of_checkpoints_the_mean_of_the_last_few_says_of_how_many() -> None:
+    """Seed 0 has three checkpoints, seed 1 two."""
+    scores = tidy_scores(["0"], ["VoxelNet"], (0, 1))
+    scores = scores[(scores["seed"] == 0) | (scores["step"] != 10)]
+    last = scores[scores["step"] == 30]
+    halved = pd.DataFrame({"trial": last["trial"], "chosen": 1.0, "other": 1.0})
+    table = halves_table(scores, last, last, halved, Levels("gamma", ["0"], "0"))
+    assert table.columns[3].head == "mean of last 2 to 3"
+    assert "among 2/3 checkpoints" in table.notes[0]
+
+
 @pytest.mark.parametrize("labels", [["10", "0.5", "2"], ["original", "enhanced"]])
 def test_levels_keep_their_order_and_seeds_are_averaged(labels: list[str]) -> None:
     scores = tidy_scores(labels, seeds=(0, 1))

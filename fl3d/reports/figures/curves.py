@@ -26,7 +26,8 @@ def ap_over_steps(
 ) -> Drawn:
     """3D AP moderate of every checkpoint; last and best marked, the step at which the last stage begins dotted.
 
-    Curves and marks of a level are means over its own seeds; a band reaches from its lowest to its highest seed.
+    Curves and marks of a level are means over its own seeds, curves at the steps that all of these have; a band reaches
+    from its lowest to its highest seed.
 
     Args:
         scores: tidy.
@@ -46,7 +47,7 @@ def ap_over_steps(
             some = own[own["level"] == level]
             if some.empty:
                 continue
-            by_step = some.groupby("step")[METRIC].agg(["mean", "min", "max"])
+            by_step = _at_common_steps(some)
             if some["seed"].nunique() > 1:
                 look = {"color": color, "alpha": BAND, "lw": 0, "zorder": 1}
                 axes.fill_between(by_step.index, by_step["min"], by_step["max"], **look)
@@ -54,8 +55,7 @@ def ap_over_steps(
             for rule, marker, size in (("last", "o", 3), ("best", "*", 6)):
                 at = some[some[rule]][["step", METRIC]].mean()
                 axes.plot(at["step"], at[METRIC], color=color, ls="", marker=marker, ms=size)
-        fork = scores[scores["group"] == group]["first_own_step"].iloc[0]
-        axes.axvline(fork, color="0.6", lw=0.8, ls=":")
+        _draw_forks(axes, scores[scores["group"] == group], levels)
         axes.plot([], [], color="0.3", ls="", marker="o", ms=3, label="last")
         axes.plot([], [], color="0.3", ls="", marker="*", ms=6, label="best")
         axes.set_xlabel("training step")
@@ -63,6 +63,23 @@ def ap_over_steps(
 
     shown = data.drop(columns="trial")
     return Drawn(panels(sorted(data["group"].unique()), panel, 5), shown)
+
+
+def _at_common_steps(some: pd.DataFrame) -> pd.DataFrame:
+    """Mean, lowest and highest of the seeds of one level; seeds may have checkpoints that others lack."""
+    by_step = some.groupby("step")[METRIC].agg(["mean", "min", "max", "count"])
+    return by_step[by_step["count"] == some["seed"].nunique()]
+
+
+def _draw_forks(axes: Axes, own: pd.DataFrame, levels: Levels) -> None:
+    """Where last stages begin: one line where all begin together, else one of each level in its colour."""
+    every = own["first_own_step"].unique()
+    if len(every) == 1:
+        axes.axvline(every[0], color="0.6", lw=0.8, ls=":")
+        return
+    for level, (color, _) in shades(levels.labels):
+        for fork in own[own["level"] == level]["first_own_step"].unique():
+            axes.axvline(fork, color=color, lw=0.8, ls=":")
 
 
 def ap_over_level(last: pd.DataFrame, levels: Levels, gains: pd.DataFrame | None = None) -> Drawn:
