@@ -103,8 +103,8 @@ def test_long_bars_leave_the_panel_and_curves_stay_legible() -> None:
     plt.close(figure)
 
 
-def test_a_bar_reaches_from_end_to_end_where_the_value_lies_outside() -> None:
-    ends = {"ap_3d/moderate": [50.0], "ap_3d/moderate low": [52.0], "ap_3d/moderate high": [58.0]}
+def test_a_bar_reaches_from_end_to_end_where_the_value_is_not_in_the_middle() -> None:
+    ends = {"ap_3d/moderate": [53.0], "ap_3d/moderate low": [52.0], "ap_3d/moderate high": [58.0]}
     figure, axes = plt.subplots()
     curves._bars(axes, np.array([0.0]), pd.DataFrame(ends), "black")
     (bar,) = axes.collections

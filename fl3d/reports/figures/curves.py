@@ -140,7 +140,7 @@ def _keep_in_sight(axes: Axes, aps: np.ndarray) -> None:
 
 
 def _bars(axes: Axes, places: np.ndarray, own: pd.DataFrame, color: str) -> None:
-    """From end to end of the intervals; the value itself may lie outside, as that of resamples can."""
+    """From end to end of the intervals, which hold the value, but seldom in their middle."""
     low, high = own[f"{METRIC} low"].to_numpy(), own[f"{METRIC} high"].to_numpy()
     middle, half = (low + high) / 2, (high - low) / 2
     axes.errorbar(places, middle, half, fmt="none", ecolor=color, elinewidth=0.7, capsize=1.5)
