@@ -153,16 +153,22 @@ def _with_minutes(found: pd.DataFrame, sweep: FinishedSweep) -> pd.DataFrame:
 
 
 def left_out(sweep: FinishedSweep) -> list[str]:
-    """Replicates that no gain counts: they were planned and are not done, or the baseline of their seed is not."""
+    """Replicates that no gain counts: they were planned and are not done, or the baseline of their seed is not.
+
+    Of those that are done and yet not shown it is said what their scores lack.
+    """
+    planned = {(trial.group, trial.level, trial.seed): trial.key for trial in sweep.plan.trials}
     done = {(trial.group, trial.level, trial.seed) for trial in sweep.trials}
     missing: dict[tuple[str, str, str], list[str]] = {}
     for trial in sweep.plan.trials:
         if not sweep.is_asked(trial):
             continue
         if (trial.group, trial.level, trial.seed) not in done:
-            why = "not done"
-        elif (trial.group, sweep.baseline, trial.seed) not in done:
-            why = "its baseline is not done"
+            unshown = sweep.unshown.get(trial.key)
+            why = f"its {unshown}" if unshown else "not done"
+        elif (base := (trial.group, sweep.baseline, trial.seed)) not in done:
+            unshown = sweep.unshown.get(planned.get(base, ""))
+            why = f"its baseline's {unshown}" if unshown else "its baseline is not done"
         else:
             continue
         missing.setdefault((trial.group, trial.level, why), []).append(str(trial.seed))

@@ -43,6 +43,7 @@ class FinishedSweep:
         asked: labels of values by key, where only trials with these were asked for.
         class_name: of its several classes the one that is looked at, see ``of_class``; None: the one class, or the
             mean over all.
+        unshown: why trials that are done are not among these, by their keys: ``scores lack ap_3d/easy``.
     """
 
     settings: Settings
@@ -52,6 +53,7 @@ class FinishedSweep:
     source: Path
     asked: Mapping[str, frozenset[str]] = field(default_factory=dict)
     class_name: str | None = None
+    unshown: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+
+import pandas as pd
 
 from fl3d.config.settings import Settings
 from fl3d.core.errors import StoreError
+from fl3d.evaluation.protocol import Protocol
 from fl3d.runs.asked import Asked, asked_for
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import StoreFolder
-from fl3d.runs.plans import read_plan
-from fl3d.runs.scores import read_score_file, score_file, tidy
+from fl3d.runs.plans import FrozenTrial, read_plan
+from fl3d.runs.scores import lacking, read_score_file, score_file, tidy
 from fl3d.runs.trials import FinishedTrial
 from fl3d.store.opening import open_store
+
+NAMED = 3  # scores that an error names one by one
 
 
 def open_sweep(
@@ -54,14 +60,35 @@ def _from_store(settings: Settings) -> FinishedSweep | None:
         if layout.run(trial.key).is_done
     ]
     raw = open_store(settings.store.root, settings.store.uri).read(settings.stored_as)
-    scores = tidy(raw, [trial.plan for trial in trials], settings.protocol)
+    done = [trial.plan for trial in trials]
+    scores = tidy(raw, done, settings.protocol)
     if scores.empty:
         return None
     logged = set(scores["trial"])
-    kept = tuple(trial for trial in trials if trial.key in logged)
     return FinishedSweep(
-        settings=settings, plan=plan, trials=kept, scores=scores, source=settings.store.root
+        settings=settings,
+        plan=plan,
+        trials=tuple(trial for trial in trials if trial.key in logged),
+        scores=scores,
+        source=settings.store.root,
+        unshown=_unshown(raw, done, settings.protocol, logged),
     )
+
+
+def _unshown(
+    raw: pd.DataFrame, done: Sequence[FrozenTrial], protocol: Protocol, logged: set[str]
+) -> dict[str, str]:
+    """Why trials that are done are not shown, by their keys."""
+    short = lacking(raw, done, protocol)
+    why = {}
+    for trial in done:
+        if trial.key in short:
+            names = short[trial.key]
+            more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+            why[trial.key] = f"scores lack {', '.join(names[:NAMED])}{more}"
+        elif trial.key not in logged:
+            why[trial.key] = f"scores under protocol {protocol.id} are not in the store"
+    return why
 
 
 def open_scores(settings: Settings, published: Path | None = None) -> FinishedSweep:

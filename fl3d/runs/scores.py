@@ -35,6 +35,8 @@ FRONT = [
 def tidy(raw: pd.DataFrame, trials: Sequence[FrozenTrial], protocol: Protocol) -> pd.DataFrame:
     """Arrange what a store reads back.
 
+    Checkpoints that lack an AP that others have are left out; without its last one a trial is, see ``lacking``.
+
     Args:
         raw: see ``store.base.Store.read``.
         trials: those to keep.
@@ -42,6 +44,37 @@ def tidy(raw: pd.DataFrame, trials: Sequence[FrozenTrial], protocol: Protocol) -
     """
     if raw.empty or not trials:
         return pd.DataFrame(columns=FRONT)
+    merged, aps = _with_aps(raw, trials, protocol)
+    recalls = sorted(str(column) for column in merged if str(column).startswith("recall_"))
+    without = list(lacking(raw, trials, protocol))
+    merged = merged[~merged["trial"].isin(without)]
+    frame = merged[[*FRONT, *aps, *recalls]].dropna(subset=aps)
+    frame = frame.astype({"seed": int, "first_own_step": int, "epoch": int, "step": int})
+    place = {level: number for number, level in enumerate(in_order(t.level for t in trials))}
+    return (
+        frame.assign(_place=frame["level"].map(place))
+        .sort_values(["group", "_place", "seed", "trial", "step"])
+        .drop(columns="_place")
+        .reset_index(drop=True)
+    )
+
+
+def lacking(
+    raw: pd.DataFrame, trials: Sequence[FrozenTrial], protocol: Protocol
+) -> dict[str, tuple[str, ...]]:
+    """APs that others have and that the last checkpoint of a trial lacks, by the trial's key; arguments as ``tidy``."""
+    if raw.empty or not trials:
+        return {}
+    merged, aps = _with_aps(raw, trials, protocol)
+    last = merged.sort_values("step").groupby("trial").tail(1).set_index("trial")[aps].isna()
+    short = last[last.any(axis=1)]
+    return {str(key): tuple(row.index[row]) for key, row in short.iterrows()}
+
+
+def _with_aps(
+    raw: pd.DataFrame, trials: Sequence[FrozenTrial], protocol: Protocol
+) -> tuple[pd.DataFrame, list[str]]:
+    """Rows of some trials that have any AP, with what the trials are; and the APs that any row has."""
     own = raw[raw["protocol"] == protocol.id]
     plans = pd.DataFrame(
         {
@@ -60,16 +93,7 @@ def tidy(raw: pd.DataFrame, trials: Sequence[FrozenTrial], protocol: Protocol) -
         for column in merged
         if str(column).startswith("ap_") and merged[column].notna().any()
     )
-    recalls = sorted(str(column) for column in merged if str(column).startswith("recall_"))
-    frame = merged[[*FRONT, *aps, *recalls]].dropna(subset=aps)
-    frame = frame.astype({"seed": int, "first_own_step": int, "epoch": int, "step": int})
-    place = {level: number for number, level in enumerate(in_order(plans["level"]))}
-    return (
-        frame.assign(_place=frame["level"].map(place))
-        .sort_values(["group", "_place", "seed", "trial", "step"])
-        .drop(columns="_place")
-        .reset_index(drop=True)
-    )
+    return merged.dropna(subset=aps, how="all"), aps
 
 
 def scores_of_class(scores: pd.DataFrame, name: str) -> pd.DataFrame:

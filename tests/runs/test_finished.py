@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from fl3d.analysis.found import left_out
 from fl3d.config.compose import compose_config
 from fl3d.config.settings import Settings, read_settings
 from fl3d.core.errors import ConfigError, StoreError
@@ -116,6 +117,13 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> World:
     return World(tmp_path, store)
 
 
+def lose(world: World, trial: FrozenTrial, step: int, names: Sequence[str]) -> None:
+    """Some scores of a checkpoint, as a store that was written by halves."""
+    (run,) = (run for run in world.store.runs.values() if run.trial == trial.key)
+    left = {name: value for name, value in run.scores[step].values.items() if name not in names}
+    run.scores[step] = replace(run.scores[step], values=left)
+
+
 @pytest.fixture
 def ran(world: World) -> World:
     world.plan()
@@ -175,6 +183,44 @@ def test_a_trial_whose_scores_wait_for_the_store_is_left_out(world: World) -> No
     world.train()
     world.log(GRID[1:])
     assert len(open_sweep(world.settings).trials) == 5
+
+
+def test_a_trial_whose_last_checkpoint_lacks_a_score_is_left_out_and_what_it_lacks_is_said(
+    world: World,
+) -> None:
+    """Of gamma 2 seed 0 lacks one at its last step, and seed 1 at an earlier one: that checkpoint alone is left out."""
+    world.plan()
+    world.train()
+    world.log()
+    lose(world, GRID[4], 6, MEAN_3D[:1])
+    lose(world, GRID[5], 4, MEAN_3D[:1])
+    sweep = open_sweep(world.settings)
+    assert [trial.key for trial in sweep.trials] == [one.key for one in (*GRID[:4], GRID[5])]
+    assert left_out(sweep) == ["VoxelNet 2: seed 0 left out, its scores lack ap_3d/easy"]
+    own = sweep.scores[sweep.scores["trial"] == GRID[5].key]
+    assert own["step"].tolist() == [2, 6]
+
+
+def test_where_the_baseline_lacks_a_score_its_pairs_say_so(world: World) -> None:
+    world.plan()
+    world.train()
+    world.log()
+    lose(world, GRID[2], 6, MEAN_3D[1:])
+    lacks = "scores lack ap_3d/hard, ap_3d/moderate"
+    assert left_out(open_sweep(world.settings)) == [
+        f"VoxelNet 10: seed 0 left out, its baseline's {lacks}",
+        f"VoxelNet 0: seed 0 left out, its {lacks}",
+        f"VoxelNet 2: seed 0 left out, its baseline's {lacks}",
+    ]
+
+
+def test_a_trial_that_is_done_and_not_in_the_store_is_not_said_to_be_open(world: World) -> None:
+    world.plan()
+    world.train()
+    world.log(GRID[1:])
+    (line,) = left_out(open_sweep(world.settings))
+    assert line.startswith("VoxelNet 10: seed 0 left out, its scores under protocol ")
+    assert line.endswith(" are not in the store")
 
 
 def test_trials_of_an_earlier_start_are_left_out(ran: World) -> None:
