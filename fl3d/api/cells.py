@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import pandas as pd
 
 from fl3d.analysis.trace import trace
-from fl3d.api.words import names_sweep, open_words, or_gamma, read_words
+from fl3d.api.words import Words, names_sweep, open_words, or_gamma, read_words
 from fl3d.config.overrides import values_by_key
-from fl3d.core.errors import ConfigError, options
+from fl3d.core.errors import ConfigError, StoreError, options
 from fl3d.evaluation.selection import RULES
 from fl3d.papers.base import PaperTable
+from fl3d.papers.registry import TABLES
 from fl3d.papers.tables import paper_tables
 from fl3d.runs.design import DETECTOR, SEED, label_of, level_text, short_names
 from fl3d.runs.finished import FinishedSweep
@@ -36,7 +37,7 @@ def explain_words(table: str, pairs: Sequence[str], metric: str) -> None:
     named = (
         or_gamma(words, short) if names_sweep(words) or not is_papers else [*words, "+sweep=gamma"]
     )
-    sweep = open_words(read_words(named), short)
+    sweep = _open(read_words(named), short, table)
     swept = {key for trial in sweep.plan.trials for key in trial.values}
     if DETECTOR not in swept:  # then it only says under which settings the sweep ran
         row = [word for word in row if not _is_detector(word)]
@@ -47,6 +48,24 @@ def explain_words(table: str, pairs: Sequence[str], metric: str) -> None:
     ]
     values = {key: label_of(value) for key, (value,) in values_by_key(row).items()}
     explain(sweep, table, values, metric)
+
+
+def _open(words: Words, row: Sequence[str], table: str) -> FinishedSweep:
+    """The sweep that words mean; where it is not here, a table that none feeds is told before that.
+
+    Raises:
+        ConfigError: there is no such table.
+        StoreError: there is no such sweep here.
+    """
+    try:
+        return open_words(words, row)
+    except StoreError:
+        possible = [*(known.number for known in TABLES.values()), *RULES]
+        if table not in possible:
+            raise ConfigError(
+                f"no sweep feeds a table '{table}'. {options(table, possible)}"
+            ) from None
+        raise
 
 
 def _is_detector(word: str) -> bool:

@@ -7,7 +7,7 @@ import pytest
 from fl3d.api.cells import is_one_value, is_short
 from fl3d.commands.why import run
 from fl3d.config.seeds import spell_out_seeds
-from fl3d.core.errors import ConfigError
+from fl3d.core.errors import ConfigError, StoreError
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.opening import open_sweep
 from fl3d.store.opening import open_store
@@ -110,6 +110,19 @@ def test_a_file_that_was_changed_is_told(
 def test_why_says_what_was_possible(asked: list[str], message: str, words: list[str]) -> None:
     with pytest.raises(ConfigError, match=message):
         run([*asked, *words])
+
+
+def test_a_table_that_no_sweep_feeds_is_told_before_a_sweep_that_is_not_here(
+    tmp_path: Path, simulated: Path
+) -> None:
+    """It would not be there either once the sweep was run; of one that could be, the sweep is what lacks."""
+    places = [f"data.root={simulated}", f"store.root={tmp_path}", f"results={tmp_path}"]
+    asked = ["gamma=2", "3d/moderate", *SMALL, *places]
+    possible = r"Possible: II, III, IV, IV_last_stage, R1, .*, V, best, last\."
+    with pytest.raises(ConfigError, match=rf"^no sweep feeds a table 'IX'\. .*{possible}$"):
+        run(["IX", *asked])
+    with pytest.raises(StoreError, match="run the sweep first"):
+        run(["V", *asked])
 
 
 def test_words_that_pick_a_row_are_told_from_those_that_pick_a_sweep() -> None:
