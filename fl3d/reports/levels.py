@@ -13,7 +13,7 @@ from typing import Any
 import pandas as pd
 
 from fl3d.core.digests import digest
-from fl3d.reports.seeds import PAIRED, better_in_pairs, seeds_by, seeds_note
+from fl3d.reports.seeds import PAIRED, better_in_pairs, gains_note, seeds_by, seeds_note
 from fl3d.reports.table import HEADS, Cell, Column, Table
 
 SYMBOLS = {"alpha": "α", "beta": "β", "eta": "η", "gamma": "γ"}  # as the papers write them
@@ -133,8 +133,23 @@ def gains_tables(gains: pd.DataFrame, levels: Levels, metric: str, average: str)
         )
         caption = f"{group}, {view} {difficulty}, {average}, last models, 95 % intervals"
         legend = "each interval by itself" + (star if own["marked"].any() else "")
-        tables.append(Table(f"gains-{slug(str(group))}", caption, columns, rows, legend))
+        notes = note_on_gains(own, levels)
+        tables.append(Table(f"gains-{slug(str(group))}", caption, columns, rows, legend, notes))
     return tables
+
+
+def note_on_gains(own: pd.DataFrame, levels: Levels) -> tuple[str, ...]:
+    """See ``reports.seeds.gains_note``.
+
+    Args:
+        own: rows of one group with ``level`` and ``seeds``, one a level.
+        levels: of the sweep.
+    """
+    is_base = own["level"] == levels.baseline
+    others = levels.sorted(own[~is_base])
+    names = [levels.text(str(level)) for level in others["level"]]
+    shared = dict(zip(names, others["seeds"].astype(int), strict=True))
+    return gains_note(shared, int(own[is_base]["seeds"].max())) if is_base.any() else ()
 
 
 def _gain_row(row: Mapping[Hashable, Any], baseline: str) -> tuple[Cell, ...]:

@@ -35,6 +35,27 @@ def seeds_note(seeds: Mapping[str, Collection[int]], bold: str = "") -> str:
     return f"{note} {bold}" if bold else note
 
 
+def gains_note(seeds: Mapping[str, int], of_baseline: int) -> tuple[str, ...]:
+    """Where a column of APs and one of gains are of unlike seeds: which rows' gains are no difference of two APs.
+
+    Args:
+        seeds: of each row, how many it shares with the baseline, by what tells it.
+        of_baseline: how many seeds the baseline's own AP is of.
+
+    Returns:
+        one sentence; none where all rows have all the baseline's seeds.
+    """
+    fewer = [
+        f"{name} ({count} of {of_baseline})" for name, count in seeds.items() if count < of_baseline
+    ]
+    if not fewer:
+        return ()
+    return (
+        "AP and gain of a level are of the seeds that it shares with the baseline, whose own AP is of all its seeds: "
+        f"the gain is not the difference of the two APs for {', '.join(fewer)}.",
+    )
+
+
 def _listed(seeds: Collection[int]) -> str:
     return ", ".join(str(seed) for seed in seeds)
 

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from fl3d.evaluation.verdicts import FEWEST, Verdict
-from fl3d.reports.levels import Levels, slug
+from fl3d.reports.levels import Levels, note_on_gains, slug
 from fl3d.reports.table import Cell, Column, Table
 
 Row = Mapping[Hashable, Any]
@@ -98,7 +98,8 @@ def verdict_tables(
         rows = tuple(_row(row, margin) for row in levels.sorted(own).to_dict("records"))
         caption = f"Verdicts on {group}, {own['metric'].iloc[0]}, last models"
         name = f"verdicts-{slug(str(group))}"
-        tables.append(Table(name, caption, columns, rows, LEGEND.format(margin=margin), notes))
+        told = (*notes, *note_on_gains(own, levels))
+        tables.append(Table(name, caption, columns, rows, LEGEND.format(margin=margin), told))
     return tables
 
 

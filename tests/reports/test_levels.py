@@ -133,6 +133,14 @@ def test_gains_have_a_row_a_level_and_a_table_a_group(levels: Levels) -> None:
     assert {table.legend for table in plain} == {"each interval by itself"}
 
 
+def test_gains_of_fewer_seeds_than_the_baselines_are_told() -> None:
+    frame = gains_frame(GAMMAS)
+    frame.loc[(frame["group"] == "3D-FCN") & (frame["level"] == "10"), "seeds"] = 1
+    told, plain = gains_tables(frame, GAMMAS, "3d/moderate", "R40")
+    assert told.notes[0].endswith("the two APs for γ = 10 (1 of 2).")
+    assert plain.notes == ()
+
+
 def test_one_recall_step_is_marked() -> None:
     table = gains_tables(gains_frame(GAMMAS), GAMMAS, "3d/moderate", "R11")[0]
     assert [cell.text for cell in table.column("mark")] == [

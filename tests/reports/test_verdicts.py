@@ -120,6 +120,22 @@ def test_one_seed_claims_nothing() -> None:
     assert seeds_text(rows).startswith("Intervals over frames only, not training")
 
 
+def test_where_a_level_lacks_seeds_of_the_baseline_its_gain_is_said_to_be_no_difference_of_aps() -> (
+    None
+):
+    """Gamma 2 has three of five seeds, in one of two groups."""
+    rows = verdict_rows(GAMMAS)
+    assert [table.notes for table in verdict_tables(rows, GAMMAS, 1.0)] == [(), ()]
+    rows.loc[(rows["group"] == "VoxelNet") & (rows["level"] == "2"), "seeds"] = 3
+    plain, told = verdict_tables(rows, GAMMAS, 1.0, ("a note.",))
+    assert plain.notes == ("a note.",)
+    assert told.notes == (
+        "a note.",
+        "AP and gain of a level are of the seeds that it shares with the baseline, whose own AP is of all its seeds: "
+        "the gain is not the difference of the two APs for γ = 2 (3 of 5).",
+    )
+
+
 def test_in_short_names_levels_with_a_verdict_and_counts_the_others() -> None:
     text = in_short(verdict_rows(GAMMAS), GAMMAS)
     of_each = "γ = 0.1 better, γ = 0.5 worse, γ = 1 equivalent, 1 undecided, 1 without a verdict."
