@@ -15,6 +15,7 @@ from fl3d.reports.verdicts import ONE_SEED
 DASH = "–"
 HEADS = ("where", "claim", "printed", "from its own cells", "ours", "verdict")
 NO_DIFFERENCE = "not distinguishable from 0"
+SEEDS_ALONE = "over seeds"  # behind an interval that knows nothing of frames
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,11 @@ def claims_table(
 def over_seeds(values: Sequence[float]) -> Sample:
     """A number of each seed, that frames are not resampled for."""
     return Sample(np.array(values), np.array([np.mean(values)]))
+
+
+def is_over_seeds(sample: Sample) -> bool:
+    """Whether a number was not resampled over frames, see ``over_seeds``."""
+    return len(sample.draws) == 1
 
 
 def too_few(n_seeds: int) -> str:

@@ -58,6 +58,13 @@ def test_sentences_are_judged_over_seeds() -> None:
     ]
 
 
+def test_each_interval_is_said_to_be_over_seeds_alone() -> None:
+    claims = concentration_claims([ALIKE] * 3, [ALIKE] * 3)
+    assert all(claim.ours.endswith("] over seeds; 3 seeds") for claim in claims)
+    one = concentration_claims([ALIKE], [ALIKE])
+    assert not any("over seeds" in claim.ours for claim in one)
+
+
 def test_one_seed_has_no_verdict_and_none_says_nothing() -> None:
     assert seeds(ALIKE) == [f"ours: {ONE_SEED}"] * 6
     assert seeds() == [""] * 6

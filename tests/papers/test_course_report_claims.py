@@ -127,6 +127,7 @@ def test_three_seeds_are_judged_by_intervals_that_hold_at_once() -> None:
         ours |= seeds(DEFAULT, column, 60.0, 62.0, 61.0)
         ours |= seeds(ALPHA, column, 60.1 + gain, 61.9 + gain, 61.0 + gain)
     claim = told("α = 0.3", ours)
+    assert "over seeds" not in claim.ours
     assert claim.verdict == "holds in its cells; ours: larger in 1, smaller in 1 of 2 cells"
     assert claim.ours.startswith("+5.00 [+4.")
     assert claim.ours.endswith("; 3 seeds")
@@ -145,6 +146,16 @@ def test_a_bound_other_than_zero_is_what_ours_are_held_against() -> None:
     assert told("authors' weights", ours).verdict == (
         "holds in 3 of 5; ours: larger than -0.035 in 3, smaller in 2 of 5 cells"
     )
+
+
+def test_recalls_are_not_resampled_and_their_intervals_are_said_to_be_over_seeds() -> None:
+    row, over = ("R5", ("0.3 m", "Box Refinement")), ("R1", ("Box Refinement",))
+    ours: dict = {}
+    for column in RECALLS:
+        for place, recalls in ((row, (0.70, 0.72, 0.74)), (over, (0.80, 0.81, 0.82))):
+            by_seed = {seed: (one, np.array([one])) for seed, one in enumerate(recalls)}
+            ours[place, column] = by_seed
+    assert told("authors' weights", ours).ours.endswith("] over seeds; 3 seeds")
 
 
 def test_models_that_were_chosen_on_the_frames_are_not_judged() -> None:

@@ -15,7 +15,7 @@ def test_what_comes_back_is_the_gain_without_a_cut_less_that_at_the_cut() -> Non
     five = {0: (49.0, 46.0), 1: (49.0, 47.0), 2: (49.0, 45.0)}
     claim = cut_claim("3D-FCN", {0.0: zero, 2.0: zero, 5.0: five})
     assert claim.ours == (
-        "γ = 5 gains -4.00 AP at the cut, -1.00 without: +3.00 [+0.52, +5.48]; 3 seeds"
+        "γ = 5 gains -4.00 AP at the cut, -1.00 without: +3.00 [+0.52, +5.48] over seeds; 3 seeds"
     )
     assert claim.verdict == "ours: larger"
 

@@ -21,8 +21,10 @@ APART = Terms(np.array([1.0, 1.0]), np.array([1.0, 1.0]), np.array([40.0, 1000.0
 def test_each_checkpoint_counts_alike() -> None:
     """The mean of the powers of ten: the root of 4 x 1 is 2, and that of 10 x 1 is 3.16."""
     positives, classification = loss_term_claims([TERMS] * 3, [], [])[:2]
-    assert positives.ours == "2.00 [2.00, 2.00], 1.00 to 4.00 between checkpoints; 3 seeds"
-    assert classification.ours.startswith("3.16 [3.16, 3.16], 1.00 to 10.00")
+    assert (
+        positives.ours == "2.00 [2.00, 2.00] over seeds, 1.00 to 4.00 between checkpoints; 3 seeds"
+    )
+    assert classification.ours.startswith("3.16 [3.16, 3.16] over seeds, 1.00 to 10.00")
     assert positives.verdict == classification.verdict == "ours: within a factor of 10"
 
 

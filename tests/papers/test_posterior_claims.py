@@ -38,7 +38,7 @@ def test_the_peak_is_judged_and_not_the_median() -> None:
     assert claim.verdict == "ours: height smaller, place smaller"
     assert "(γ = 0)" in claim.ours
     assert "(γ = 5)" in claim.ours
-    assert claim.ours.endswith("; 3 seeds")
+    assert claim.ours.endswith("] over seeds; 3 seeds")
     assert "3D-FCN's evaluated boxes on cars" in claim.text
 
 
@@ -115,6 +115,12 @@ def test_half_is_said_where_all_of_the_interval_is_about_half(
     shares: tuple[float, ...], said: str
 ) -> None:
     assert half_claim(2.0, [(share, 0.2) for share in shares]).verdict == f"ours: {said}"
+
+
+def test_the_interval_of_half_is_over_seeds_alone() -> None:
+    """By hand: 0.50 and the t of two degrees of freedom, 4.30, times 0.01 over the root of three: 2.5 %."""
+    ours = half_claim(2.0, [(share, 0.2) for share in (0.49, 0.50, 0.51)]).ours
+    assert ours.endswith("; under γ = 0 [48%, 52%] over seeds; 3 seeds")
 
 
 def test_without_a_focal_model_nothing_is_said_of_its_loss() -> None:

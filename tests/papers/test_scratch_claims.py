@@ -29,6 +29,7 @@ def test_the_largest_gamma_is_held_against_bce() -> None:
     }
     claim = scratch_claim("3D-FCN", courses)
     assert claim.verdict == "ours: falls larger, rises larger"
+    assert claim.ours.endswith(" % over seeds; 3 seeds")
     assert claim.ours.startswith("fall 0.00 AP to 2.01, rise 0.0 % to 50.0 % (γ = 0 to 2")
     assert scratch_claim("3D-FCN", {0.0: courses[0.0], 2.0: courses[0.0]}).verdict == (
         "ours: falls not distinguishable from 0, rises not distinguishable from 0"

@@ -8,7 +8,7 @@ import numpy as np
 
 from fl3d.analysis.samples import pair_seeds
 from fl3d.evaluation.intervals import Sample, joint_intervals
-from fl3d.papers.claim import Claim, interval_text, seeds_in, too_few
+from fl3d.papers.claim import SEEDS_ALONE, Claim, interval_text, is_over_seeds, seeds_in, too_few
 from fl3d.papers.course_report.cells import Cells
 from fl3d.papers.course_report.sentences import (
     DEFAULT,
@@ -74,6 +74,7 @@ def _ours(sentence: Sentence, family: Sequence[Sample]) -> tuple[str, str]:
         "larger": sum(one.low > sentence.than for one in found),
         "smaller": sum(one.high < sentence.than for one in found),
     }
+    told += f" {SEEDS_ALONE}" if any(is_over_seeds(one) for one in family) else ""
     than = f" than {sentence.than:g}" if sentence.than else ""
     words = f"larger{than} in {counts['larger']}, smaller in {counts['smaller']}"
     return f"{told}; {seeds_in(n_seeds)}", f"ours: {words} of {len(found)} cells"

@@ -55,6 +55,8 @@ NOTES = (
     "Ours of a gain: the value and an interval that it lies in with all gains that its sentence ranges over (95 %, "
     "frames and seeds), by the seeds that γ = 0 shares. The paper prints R11; larger and smaller are said by R40, "
     "which has fewer recall steps.",
+    "Behind an interval 'over seeds' there are seeds of training alone: frames were not resampled, and are the same "
+    "for all of these seeds, so it says nothing of other frames.",
     "Terms of the loss: ratios of means between checkpoints under γ = 0, over all of training, each checkpoint alike.",
 )
 

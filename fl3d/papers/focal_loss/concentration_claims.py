@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from fl3d.evaluation.intervals import Interval, interval
-from fl3d.papers.claim import Claim, interval_text, over_seeds, seeds_in, too_few, word_of
+from fl3d.papers.claim import (
+    SEEDS_ALONE,
+    Claim,
+    interval_text,
+    over_seeds,
+    seeds_in,
+    too_few,
+    word_of,
+)
 from fl3d.papers.focal_loss.window_figures import Array, cumulative_loss
 
 WHERE = "§VI-B, Fig. 4"
@@ -138,7 +146,7 @@ def _difference(text: str, printed: str, shown: str, values: Sequence[float]) ->
     if few:
         return Claim(WHERE, text, printed, "", f"{shown}; {seeds_in(len(values))}", f"ours: {few}")
     found = interval(over_seeds(values))
-    ours = f"{shown}: {interval_text(found)}; {seeds_in(len(values))}"
+    ours = f"{shown}: {interval_text(found)} {SEEDS_ALONE}; {seeds_in(len(values))}"
     return Claim(WHERE, text, printed, "", ours, f"ours: {word_of(found)}")
 
 
@@ -154,4 +162,4 @@ def _told(text: str, printed: str, values: Sequence[float], word: str) -> Claim:
 
 
 def _share_text(found: Interval) -> str:
-    return f"{found.value:.0%} [{found.low:.0%}, {found.high:.0%}]"
+    return f"{found.value:.0%} [{found.low:.0%}, {found.high:.0%}] {SEEDS_ALONE}"

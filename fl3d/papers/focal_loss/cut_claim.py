@@ -7,7 +7,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from fl3d.evaluation.intervals import interval
-from fl3d.papers.claim import Claim, interval_text, over_seeds, seeds_in, too_few, word_of
+from fl3d.papers.claim import (
+    SEEDS_ALONE,
+    Claim,
+    interval_text,
+    over_seeds,
+    seeds_in,
+    too_few,
+    word_of,
+)
 
 WHERE = "§VI-C"
 PRINTED = "also accurate at a lower threshold"
@@ -23,7 +31,7 @@ def cut_claim(detector: str, aps: Mapping[float, Mapping[int, AtCuts]]) -> Claim
         detector: whose.
         aps: of its last models, by gamma and seed.
     """
-    text = f"what {detector} loses by the largest γ at a cut of {PAPERS_CUT:g}, and not without one"
+    text = f"what {detector} loses by the largest γ at a cut of {PAPERS_CUT:g}, and not without one (R11)"
     largest = max(aps, default=0.0)
     seeds = sorted(set(aps.get(0.0, {})) & set(aps[largest])) if largest > 0 else []
     if not seeds:
@@ -35,5 +43,5 @@ def cut_claim(detector: str, aps: Mapping[float, Mapping[int, AtCuts]]) -> Claim
     if few:
         return Claim(WHERE, text, PRINTED, "", f"{ours}; {seeds_in(len(seeds))}", f"ours: {few}")
     regained = interval(over_seeds(gains[:, 0] - gains[:, 1]))
-    ours += f": {interval_text(regained)}; {seeds_in(len(seeds))}"
+    ours += f": {interval_text(regained)} {SEEDS_ALONE}; {seeds_in(len(seeds))}"
     return Claim(WHERE, text, PRINTED, "", ours, f"ours: {word_of(regained)}")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fl3d.evaluation.intervals import interval
-from fl3d.papers.claim import Claim, over_seeds, seeds_in, too_few
+from fl3d.papers.claim import SEEDS_ALONE, Claim, over_seeds, seeds_in, too_few
 from fl3d.papers.focal_loss.window_figures import Array
 
 ORDER = 1.0  # powers of ten: what "the same order of magnitude" is taken for
@@ -88,7 +88,7 @@ def _claim(where: str, text: str, printed: str, powers: Sequence[Array]) -> Clai
     few = too_few(len(powers))
     shown = f"{10**found.value:.2f}"
     if not few:
-        shown += f" [{10**found.low:.2f}, {10**found.high:.2f}]"
+        shown += f" [{10**found.low:.2f}, {10**found.high:.2f}] {SEEDS_ALONE}"
     every = np.concatenate(powers)
     span = f"{10 ** every.min():.2f} to {10 ** every.max():.2f} between checkpoints"
     if few:

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from fl3d.evaluation.intervals import Interval, interval, joint_intervals
-from fl3d.papers.claim import Claim, interval_text, over_seeds, seeds_in, too_few, word_of
+from fl3d.papers.claim import (
+    SEEDS_ALONE,
+    Claim,
+    interval_text,
+    over_seeds,
+    seeds_in,
+    too_few,
+    word_of,
+)
 from fl3d.papers.focal_loss.window_figures import BINS, Array, cumulative_loss
 
 HARDEST = 0.15  # of the positives, that carry half of their loss
@@ -71,7 +79,7 @@ def peak_claim(detector: str, kind: str, peaks: Mapping[float, Mapping[int, Peak
     place = _as_exact_as_bins(place)
     moved = f"height {interval_text(height, 1)}, place {interval_text(place)}"
     verdict = f"ours: height {word_of(height)}, place {word_of(place)}"
-    ours = f"{ours}: {moved}; {seeds_in(len(seeds))}"
+    ours = f"{ours}: {moved} {SEEDS_ALONE}; {seeds_in(len(seeds))}"
     return Claim(where, text, "decreases", "", ours, verdict)
 
 
@@ -108,7 +116,7 @@ def half_claim(gamma: float, shares: Sequence[tuple[float, float]]) -> Claim:
     few = too_few(len(shares))
     found = interval(over_seeds([zero for zero, _ in shares]))
     if not few:
-        ours += f"; under γ = 0 [{found.low:.0%}, {found.high:.0%}]"
+        ours += f"; under γ = 0 [{found.low:.0%}, {found.high:.0%}] {SEEDS_ALONE}"
     verdict = f"ours: {few or _about_half(found)}"
     return Claim(where, text, "roughly half", "", f"{ours}; {seeds_in(len(shares))}", verdict)
 

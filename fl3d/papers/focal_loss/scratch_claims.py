@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from fl3d.evaluation.intervals import joint_intervals
-from fl3d.papers.claim import Claim, interval_text, over_seeds, seeds_in, too_few, word_of
+from fl3d.papers.claim import (
+    SEEDS_ALONE,
+    Claim,
+    interval_text,
+    over_seeds,
+    seeds_in,
+    too_few,
+    word_of,
+)
 from fl3d.papers.focal_loss.window_figures import Array
 
 WHERE = "§VI-A"
@@ -70,6 +78,6 @@ def scratch_claim(detector: str, courses: Mapping[float, Mapping[int, Course]]) 
     fall, rise = joint_intervals(
         [over_seeds([after - before for before, after in pairs]) for pairs in (falls, rises)]
     )
-    ours += f": {interval_text(fall)} AP, {interval_text(rise, 1)} %; {seeds_in(len(seeds))}"
+    ours += f": {interval_text(fall)} AP, {interval_text(rise, 1)} % {SEEDS_ALONE}; {seeds_in(len(seeds))}"
     verdict = f"ours: falls {word_of(fall)}, rises {word_of(rise)}"
     return Claim(WHERE, text, PRINTED, "", ours, verdict)
