@@ -68,6 +68,23 @@ def test_a_bare_cloud_takes_the_mean_calibration_and_says_so(
     assert "1 clouds have no calibration of their own: the mean of KITTI's training set" in said[-1]
 
 
+def test_where_a_cloud_cannot_be_read_those_that_were_written_are_counted(
+    stage: Path, simulated: Path, tmp_path: Path
+) -> None:
+    """The second of three is torn: one is written, and the folder holds that one."""
+    (tmp_path / "velodyne").mkdir()
+    clouds = sorted((simulated / "training" / "velodyne").glob("*.bin"))[:3]
+    for cloud in clouds:
+        shutil.copy(cloud, tmp_path / "velodyne")
+    (tmp_path / "velodyne" / clouds[1].name).write_bytes(b"torn")
+    said: list[str] = []
+    out = tmp_path / "out"
+    with pytest.raises(DataError, match=clouds[1].name):
+        predict(stage, tmp_path, out, pictures=False, say=said.append)
+    assert said[-1].endswith(f": 1 of 3 clouds into {out}")
+    assert [path.stem for path in out.iterdir()] == [clouds[0].stem]
+
+
 def test_a_checkpoint_may_be_named(stage: Path, simulated: Path, tmp_path: Path) -> None:
     folder = RunFolder(stage)
     first = folder.steps()[0]

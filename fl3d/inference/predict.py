@@ -85,16 +85,20 @@ def predict(
     settings = read_as(spec.settings, reading or {})
     reader = CloudReader(settings, calibration, with_labels=pictures)
     detector = load(folder, step, device)
-    say(f"{detector.NAME}, {folder.key}, step {step}: {len(files)} clouds into {out}")
-    written = []
+    written: list[Path] = []
     n_without = 0
-    for file in tqdm(files, unit="cloud", disable=None):
-        cloud = reader.read(file)
-        n_without += not cloud.is_calibrated
-        found = detect_labels(detector, cloud.frame, protocol, spec.settings, device=device)
-        written.append(_write(out, cloud.frame.id, found))
-        if pictures:
-            _draw(detector.NAME, cloud, found, protocol, out)
+    try:
+        for file in tqdm(files, unit="cloud", disable=None):
+            cloud = reader.read(file)
+            n_without += not cloud.is_calibrated
+            found = detect_labels(detector, cloud.frame, protocol, spec.settings, device=device)
+            written.append(_write(out, cloud.frame.id, found))
+            if pictures:
+                _draw(detector.NAME, cloud, found, protocol, out)
+    finally:  # a cloud that cannot be read ends it: what was written before is there
+        of_all = "" if len(written) == len(files) else f" of {len(files)}"
+        count = f"{len(written)}{of_all} clouds into {out}"
+        say(f"{detector.NAME}, {folder.key}, step {step}: {count}")
     if n_without:
         used = calibration or "the mean of KITTI's training set"
         say(f"{n_without} clouds have no calibration of their own: {used} was taken for them")
