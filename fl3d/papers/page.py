@@ -50,9 +50,9 @@ from fl3d.runs.kept import Arrays, code_digest, kept
 from fl3d.runs.spec import read_spec
 
 CAPTIONS = {
-    "ap_over_level": "AP of the last models by level, the mean over the seeds of training that the baseline has too; "
-    "bars: 95 % intervals of 3D moderate (over frames alone where there is one seed; they may leave the panel); thin "
-    "lines: the baseline, of all its seeds.",
+    "ap_over_level": "AP of the last models by level, the mean over the seeds of training that the baseline has too "
+    "(of a level without such, its own, and no bar); bars: 95 % intervals of 3D moderate (over frames alone where "
+    "there is one seed; they may leave the panel); thin lines: the baseline, of all its seeds.",
     "ap_over_steps": "3D AP moderate over training: of each level the mean over its own seeds of training, at steps "
     "at which all of these have a checkpoint, in a band from the lowest to the highest (none around one seed); marks: "
     "the seeds' last and best, on average; dotted is where the trials' last stages begin, in a level's colour where "

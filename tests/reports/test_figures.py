@@ -137,6 +137,17 @@ def test_intervals_become_bars(levels: Levels, tmp_path: Path) -> None:
     assert levels_in(tmp_path / "level.csv") == levels.labels
 
 
+def test_a_level_without_gains_keeps_the_mean_of_its_own_seeds_and_has_no_bar() -> None:
+    """Of gamma 2, 15 less than step 30 and 2 for its place, there is no gain."""
+    scores = tidy_scores(GAMMAS.labels, ["VoxelNet"], (0, 1))
+    row = {"group": "VoxelNet", "level": "0", "metric": "3d", "difficulty": "moderate"}
+    gains = pd.DataFrame([row | {"average": "R11", "ap": 16.0, "ap_low": 1.0, "ap_high": 99.0}])
+    data = ap_over_level(scores[scores["step"] == 30], GAMMAS, gains).data
+    assert data is not None
+    assert data["ap_3d/moderate"].tolist() == [16, 17]
+    assert data["ap_3d/moderate low"].isna().tolist() == [False, True]
+
+
 def test_without_the_baseline_there_are_no_thin_lines_and_no_error(tmp_path: Path) -> None:
     scores = tidy_scores(["2"])
     assert is_figure(ap_over_level(scores[scores["step"] == 30], GAMMAS).write(tmp_path / "level"))

@@ -89,7 +89,7 @@ def ap_over_level(last: pd.DataFrame, levels: Levels, gains: pd.DataFrame | None
         last: the last checkpoint of each trial; seeds are averaged.
         levels: of the sweep.
         gains: see ``analysis.gains.gains``; with it, 3D moderate has its 95 % intervals as bars, and APs are of the
-            seeds that these are of.
+            seeds that these are of. A level without gains keeps the mean of its own seeds, and has no bar.
     """
     metrics = list(ap_columns("R11").values())
     data = last.groupby(["group", "level"])[metrics].mean().reset_index()
