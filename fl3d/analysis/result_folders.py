@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 from fl3d.analysis.detectors import Detector
@@ -11,8 +12,11 @@ from fl3d.core.errors import ConfigError, DataError
 from fl3d.data.label_table import LabelTable, read_table
 from fl3d.evaluation import MISSING as MISSING_OF_ONE
 from fl3d.evaluation.average_precision import Comparison, compare
+from fl3d.evaluation.counts import count_labels, count_results
 from fl3d.evaluation.frames import Choice, choose_frames, read_results
+from fl3d.evaluation.mistakes import find_mistakes
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
+from fl3d.reports.uncounted import label_warnings, result_warnings
 from fl3d.runs.units import Units, units_of_frames
 
 UNKNOWN = -999.0  # metres: KITTI writes -1000 where there is no 3D box
@@ -45,6 +49,26 @@ class Held:
     def names(self) -> tuple[str, ...]:
         """Of the detectors."""
         return tuple(detector.name for detector in self.detectors)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What looks like a mistake in the labels or in a detector's results, as ``evaluate`` says it, a line each."""
+        labels = next(iter(self.runs.values()))[0].gt
+        lines = label_warnings(count_labels(labels, self.protocol))
+        return (*lines, *(line for name in self.names for line in self._warnings_of(name)))
+
+    def _warnings_of(self, name: str) -> list[str]:
+        """Of a detector; what several of its runs have is told of the first of them."""
+        first: dict[str, str] = {}
+        times: dict[str, int] = {}
+        for run in self.runs[name]:
+            for kind, text in result_warnings(
+                count_results(run.det, self.protocol), find_mistakes(run)
+            ):
+                first.setdefault(kind, text)
+                times[kind] = times.get(kind, 0) + 1
+        more = {kind: f" (so in {n} of its runs)" if n > 1 else "" for kind, n in times.items()}
+        return [f"{name}: {text}{more[kind]}" for kind, text in first.items()]
 
     def metrics(self, name: str, class_name: str) -> tuple[str, ...]:
         """Metrics of the protocol for which every run of a detector has boxes of a class, see ``metrics_of``.

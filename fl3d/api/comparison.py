@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,6 +37,7 @@ def compare(
     calib: Path | str | None = None,
     pictures: Path | str | None = None,
     made_by: str = "fl3d.compare",
+    warn: Callable[[str], object] = warnings.warn,
 ) -> Compared:
     """Say whether a detector is better than another, whatever code trained them: ``fl3d compare``.
 
@@ -56,6 +58,7 @@ def compare(
         calib: of the clouds; None: ``calib`` beside ``labels``.
         pictures: folder ``image_2``, for the page.
         made_by: how the page says that it was made.
+        warn: is told what looks like a mistake in labels or results, a line at a time.
 
     Returns:
         the data frames ``cells`` (APs and gains with intervals) and ``verdicts``, and notes.
@@ -79,6 +82,8 @@ def compare(
         mapping=_path(mapping),
     )
     surroundings.check(held.ids)
+    for line in held.warnings:
+        warn(line)
     compared = compare_detectors(held, baseline, classes, margin)
     if out is not None:
         try:

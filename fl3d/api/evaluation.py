@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from fl3d.config.protocols import read_protocol
@@ -10,6 +11,7 @@ from fl3d.core.errors import ConfigError, Fl3dError
 from fl3d.evaluation import MISSING
 from fl3d.evaluation.folders import Evaluated, evaluate_folder
 from fl3d.evaluation.protocol import Protocol
+from fl3d.reports.uncounted import warnings as warnings_of
 from fl3d.reports.uncounted import why_nothing
 
 # What a protocol does to a detector's boxes and to objects beyond its range: results are taken as they are.
@@ -37,6 +39,7 @@ def evaluate(
     changes: Sequence[str] = (),
     split: Path | str | None = None,
     missing: str = MISSING[0],
+    warn: Callable[[str], object] = warnings.warn,
 ) -> Evaluated:
     """Evaluate a folder of KITTI result files, whoever wrote them: ``fl3d evaluate``.
 
@@ -49,6 +52,7 @@ def evaluate(
         changes: of a protocol that is named, such as ``overlaps.Car=[0.7,0.5,0.5]``.
         split: file of the frames to evaluate, one a line; None: all of ``labels``.
         missing: ``skip``: a frame without a result file is left out; ``empty``: nothing was found in it.
+        warn: is told what looks like a mistake in labels or results, a line at a time.
 
     Returns:
         APs by class, metric and difficulty, see ``Evaluated.table``; what counts, and why the rest does not.
@@ -62,6 +66,8 @@ def evaluate(
     chosen = protocol if isinstance(protocol, Protocol) else read_protocol(protocol, changes)
     file = None if split is None else Path(split)
     found = evaluate_folder(Path(labels), Path(results), chosen, file, missing)
+    for line in warnings_of(found):
+        warn(line)
     why = why_nothing(found)
     if why is not None:
         raise NothingToCount(why, found)

@@ -70,6 +70,7 @@ def _compare(arguments: list[str]) -> None:
         pictures=given.pictures,
         out=given.out,
         made_by=shlex.join(["python", "-m", "fl3d", "compare", *arguments]),
+        warn=lambda line: print(f"fl3d: warning: {line}", file=sys.stderr),
     )
     held = compared.held
     protocol = f"protocol {held.protocol.name} (variant {held.protocol.variant})"

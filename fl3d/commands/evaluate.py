@@ -20,8 +20,9 @@ EPILOG = """\
 what is printed where:
   stdout: the table with the number of ground truths that count (n_gt), then the labels and results
   that do not count and why, as Markdown to be pasted. stderr: warnings of what looks like a mistake
-  (angles in degrees, equal scores). Where nothing could be evaluated, stderr says why, stdout has no
-  table, and the exit code is 2.
+  (angles in degrees, sizes in another order, y in the middle of a box, equal scores; docs/evaluate.md
+  has them all). Where nothing could be evaluated, stderr says why, stdout has no table, and the exit
+  code is 2.
 
 protocols:
   kitti (today's practice), kitti_loose, paper, paper_strict and report follow KITTI's official
@@ -51,6 +52,7 @@ def _evaluate(given: argparse.Namespace) -> None:
         from fl3d.api.evaluation import NothingToCount, evaluate
 
     why = None
+    odd: list[str] = []
     try:
         found = evaluate(
             given.labels,
@@ -59,12 +61,15 @@ def _evaluate(given: argparse.Namespace) -> None:
             changes=given.changes,
             split=given.split,
             missing=given.missing,
+            warn=odd.append,
         )
     except NothingToCount as nothing:
         found, why = nothing.found, str(nothing)
     except Fl3dError as error:
         _stop(str(error))
     _print(found, with_table=why is None)
+    for line in odd:
+        print(f"fl3d: warning: {line}", file=sys.stderr)
     if given.json:
         _write_json(given.json, found)
     if why is not None:
@@ -124,7 +129,6 @@ def _options() -> argparse.ArgumentParser:
 def _print(found: Evaluated, with_table: bool) -> None:
     from fl3d.reports.counted import count_lines
     from fl3d.reports.evaluated import curves_to_markdown, heading
-    from fl3d.reports.uncounted import warnings
 
     print(f"{heading(found)}\n")
     if with_table:
@@ -132,8 +136,6 @@ def _print(found: Evaluated, with_table: bool) -> None:
     for line in count_lines(found):
         print(line)
     sys.stdout.flush()
-    for line in warnings(found):
-        print(f"fl3d: warning: {line}", file=sys.stderr)
 
 
 def _stop(why: str) -> NoReturn:

@@ -13,6 +13,7 @@ from fl3d.data.text import read_lines
 from fl3d.evaluation.average_precision import Curves, compare, evaluate
 from fl3d.evaluation.counts import LabelCounts, ResultCounts, count_labels, count_results
 from fl3d.evaluation.frames import LABEL_FIELDS, Choice, choose_frames, read_results
+from fl3d.evaluation.mistakes import Mistake, find_mistakes
 from fl3d.evaluation.protocol import Protocol
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ class Evaluated:
         labels: how many count, and why the others do not.
         results: likewise.
         label_fields: of the first line of the first label file that has one.
+        mistakes: what looks like a converter's, in the results.
     """
 
     protocol: Protocol
@@ -38,6 +40,7 @@ class Evaluated:
     labels: LabelCounts
     results: ResultCounts
     label_fields: int = LABEL_FIELDS
+    mistakes: tuple[Mistake, ...] = ()
 
     @property
     def table(self) -> pd.DataFrame:
@@ -77,9 +80,16 @@ def evaluate_folder(
     frames = choose_frames(labels, results, split, missing)
     gt, det = read_table(labels, frames.ids, scored=False), read_results(results, frames)
     counts = count_labels(gt, protocol)
-    curves = evaluate(compare(gt, det, protocol))
-    fields = _label_fields(labels, frames)
-    return Evaluated(protocol, frames, curves, counts, count_results(det, protocol), fields)
+    held = compare(gt, det, protocol)
+    return Evaluated(
+        protocol,
+        frames,
+        evaluate(held),
+        counts,
+        count_results(det, protocol),
+        _label_fields(labels, frames),
+        find_mistakes(held),
+    )
 
 
 def _label_fields(folder: Path, frames: Choice) -> int:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from fl3d.evaluation.counts import LabelCounts
+from fl3d.evaluation.counts import LabelCounts, ResultCounts
 from fl3d.evaluation.folders import Evaluated
 from fl3d.evaluation.frames import LABEL_FIELDS
 from fl3d.evaluation.levels import MAX_OCCLUSION, MAX_TRUNCATION, MIN_HEIGHT, Reason
+from fl3d.evaluation.mistakes import Mistake
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
 from fl3d.reports.counted import by_name
 
@@ -24,21 +25,14 @@ OF_PICTURE = {
 def warnings(found: Evaluated) -> list[str]:
     """What looks like a mistake, though numbers come of it."""
     labels, results = found.labels, found.results
-    lines = []
-    for what, n in (("labels", labels.turned), ("results", results.turned)):
-        if n:
-            lines.append(f"rotation_y of {n} {what} is beyond 2 pi: degrees? KITTI's are radians")
+    lines = [*_turned("labels", labels.turned), *_turned("results", results.turned)]
     sizes = (("labels", labels.without_size), ("results", results.without_size))
     for what, without in sizes:
         for name, number in without.items():
             lines.append(
                 f"none of the {number} {what} of {name} has a 3D box: its bev and 3d are 0"
             )
-    for name, score in results.equal.items():
-        lines.append(
-            f"all {results.results[name]} results of {name} have the score {score:g}: their order, and so the "
-            "curve, says nothing"
-        )
+    lines += _equal_scores(results)
     if found.label_fields > LABEL_FIELDS:
         lines.append(
             f"labels have {found.label_fields} fields a line, not {LABEL_FIELDS}: are they results (with a score) or "
@@ -53,7 +47,31 @@ def warnings(found: Evaluated) -> list[str]:
     ]
     if none and any(results.results.values()):
         lines.append(f"no result is a {' or '.join(none)}, of which there are labels")
-    return lines
+    return [*lines, *(mistake.text for mistake in found.mistakes)]
+
+
+def label_warnings(labels: LabelCounts) -> list[str]:
+    """What looks like a mistake in labels that several folders of results are held against."""
+    return _turned("labels", labels.turned)
+
+
+def result_warnings(results: ResultCounts, mistakes: Sequence[Mistake]) -> list[tuple[str, str]]:
+    """Kind and text of what looks like a mistake in one of several folders of results."""
+    lines = [("turned", line) for line in _turned("results", results.turned)]
+    lines += [("equal", line) for line in _equal_scores(results)]
+    return [*lines, *((f"{one.kind} of {one.class_name}", one.text) for one in mistakes)]
+
+
+def _turned(what: str, n: int) -> list[str]:
+    return [f"rotation_y of {n} {what} is beyond 2 pi: degrees? KITTI's are radians"] if n else []
+
+
+def _equal_scores(results: ResultCounts) -> list[str]:
+    return [
+        f"all {results.results[name]} results of {name} have the score {score:g}: their order, and so the curve, says "
+        "nothing"
+        for name, score in results.equal.items()
+    ]
 
 
 def why_nothing(found: Evaluated) -> str | None:
