@@ -20,13 +20,31 @@ def of_area(facts: Facts) -> Iterator[Finding]:
         )
 
 
-def of_splits(facts: Facts, train: str, val: str) -> Iterator[Finding]:
-    """Frames that are learnt from and evaluated."""
+SAYS_NOTHING = "What is evaluated on frames that were learnt from says nothing of others."
+
+
+def of_splits(facts: Facts, train: str, val: str, is_one: bool) -> Iterator[Finding]:
+    """Frames that are learnt from and evaluated.
+
+    Args:
+        facts: of the folder.
+        train: split that is learnt from.
+        val: split that is evaluated.
+        is_one: whether the same split is meant by both, not only one of them there.
+    """
+    file = facts.kitti.root / "ImageSets" / f"{val}.txt"
+    if is_one:
+        yield warning(
+            f"all {len(facts.splits[val])} frames of {val} are learnt from and evaluated: data.train_split and "
+            "data.val_split are the same.",
+            SAYS_NOTHING,
+            file,
+        )
     for one, other in combinations(dict.fromkeys((train, val)), 2):
         both = sorted(set(facts.splits[one]) & set(facts.splits[other]))
         if both:
             yield warning(
                 f"{len(both)} frames are in {one} and in {other}, such as {both[0]}.",
-                "What is evaluated on frames that were learnt from says nothing of others.",
+                SAYS_NOTHING,
                 facts.kitti.root / "ImageSets" / f"{other}.txt",
             )

@@ -53,7 +53,7 @@ def checked(facts: Facts, train: str, val: str, problems: Sequence[DataError] = 
     found = [
         *of_problems([*problems, *facts.problems]),
         *of_nothing(facts, train, val),
-        *of_splits(facts, train, val),
+        *of_splits(facts, train, val, train == val and not problems),
         *of_area(facts),
         *of_calibrations(facts),
         *of_clouds(facts),

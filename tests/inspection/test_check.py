@@ -268,6 +268,28 @@ def test_a_frame_that_is_learnt_from_and_evaluated_is_warned_of(simulated: Path)
     )
 
 
+def test_a_split_that_is_learnt_from_and_evaluated_is_warned_of(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = "".join(f"{name}\n" for name in TRAIN)
+    (folder / "ImageSets" / "everything.txt").write_text(names)
+    picture = ["--picture", str(tmp_path / "frame.png")]
+    for words in (
+        ["data.val_split=train"],
+        ["data.train_split=everything", "data.val_split=everything"],
+    ):
+        main(["check", str(folder), *words, *picture])
+        name = words[0].partition("=")[2]
+        assert (
+            f"warning: ImageSets/{name}.txt: all 6 frames of {name} are learnt from and evaluated"
+            in capsys.readouterr().out
+        )
+    (folder / "ImageSets" / "val.txt").unlink()  # one split alone is no overlap
+    with pytest.raises(SystemExit):
+        main(["check", str(folder), *picture])
+    assert "learnt from and evaluated" not in capsys.readouterr().out
+
+
 def test_2d_detections_of_other_frames_are_warned_of_where_they_are_needed(folder: Path) -> None:
     for file in (folder / "rgb_detections").iterdir():
         file.write_text(file.read_text().replace("/00000", "/90000"))
