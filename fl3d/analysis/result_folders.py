@@ -9,6 +9,8 @@ from pathlib import Path
 
 from fl3d.analysis.detectors import Detector
 from fl3d.core.errors import ConfigError, DataError
+from fl3d.data.drives import FILES as MAPPING
+from fl3d.data.drives import has_mapping
 from fl3d.data.label_table import LabelTable, read_table
 from fl3d.evaluation import MISSING as MISSING_OF_ONE
 from fl3d.evaluation.average_precision import Comparison, compare
@@ -164,10 +166,22 @@ def hold(
         for one in detectors
     }
     folder = labels.resolve().parent.parent / "mapping" if mapping is None else mapping
-    if mapping is not None and not mapping.is_dir():
-        raise DataError("no such folder of KITTI's mapping of frames to drives", mapping)
+    _check_mapping(mapping)
     units = units_of_frames(frames, folder, "--mapping")
     return Held(tuple(frames), tuple(detectors), runs, protocol, units, notes)
+
+
+def _check_mapping(folder: Path | None) -> None:
+    """Refuse a folder that was named and holds no mapping: frames would be taken as independent."""
+    if folder is None:
+        return
+    if not folder.is_dir():
+        raise DataError("no such folder of KITTI's mapping of frames to drives", folder)
+    if not has_mapping(folder):
+        raise DataError(
+            f"holds no mapping of frames to drives; KITTI's development kit has {' and '.join(MAPPING)}",
+            folder,
+        )
 
 
 def _refuse_twice(detector: Detector) -> None:
