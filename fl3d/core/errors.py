@@ -109,6 +109,12 @@ class StoreDown(StoreError):
 def options(wrong: str, possible: Iterable[str]) -> str:
     """Say what was possible, nearest first: ``Did you mean 'gamma'? Possible: ...``."""
     names = sorted(possible)
-    near = difflib.get_close_matches(str(wrong), names, n=1)
-    hint = f"Did you mean '{near[0]}'? " if near else ""
-    return f"{hint}Possible: {', '.join(names) or 'nothing'}."
+    return f"{meant(wrong, names)}Possible: {', '.join(names) or 'nothing'}."
+
+
+def meant(wrong: str, possible: Iterable[str]) -> str:
+    """``Did you mean 'gamma'?`` and a blank, if a name is near enough; else nothing."""
+    names = sorted(possible)
+    near = [name for name in names if name.lower() == str(wrong).lower()]
+    near += difflib.get_close_matches(str(wrong), names, n=1)
+    return f"Did you mean '{near[0]}'? " if near else ""

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fl3d.data.classes import DONTCARE
+from fl3d.data.label_parser import kitti_spelling
 from fl3d.data.label_table import OTHER, LabelTable, table_from_labels
 from fl3d.data.labels import TYPES, Labels
 from fl3d.evaluation.levels import Mask, Reason, reasons, result_reasons
@@ -115,8 +117,8 @@ def count_labels(
     total = {name: int(mask.sum()) for name, mask in own.items()}
     neighbours = {name: protocol.neighbours_of(name) for name in names}
     by_name = _by_name(gt)
-    known = {name.lower() for name in names} | {"dontcare"}
-    known |= {other.lower() for of in neighbours.values() for other in of}
+    known = {*map(kitti_spelling, names), DONTCARE}
+    known |= {kitti_spelling(other) for of in neighbours.values() for other in of}
     return LabelCounts(
         n_frames=len(gt),
         n_labels=len(gt.types),
@@ -131,8 +133,8 @@ def count_labels(
             for name, of in neighbours.items()
             if of
         },
-        others={name: n for name, n in by_name.items() if name.lower() not in known},
-        dontcare=int(gt.of("DontCare").sum()),
+        others={name: n for name, n in by_name.items() if name not in known},
+        dontcare=int(gt.of(DONTCARE).sum()),
         without_size=_without_size(gt, own),
         turned=_turned(gt, _any(own, len(gt.types))),
     )
@@ -148,7 +150,7 @@ def count_results(det: LabelTable, protocol: Protocol) -> ResultCounts:
     own = {name: det.of(name) for name in protocol.overlaps}
     any_own = _any(own, len(det.types))
     why = [result_reasons(det, level, protocol) for level in range(len(DIFFICULTIES))]
-    known = {name.lower() for name in protocol.overlaps}
+    known = set(map(kitti_spelling, protocol.overlaps))
     return ResultCounts(
         n_results=len(det.types),
         results={name: int(mask.sum()) for name, mask in own.items()},
@@ -158,7 +160,7 @@ def count_results(det: LabelTable, protocol: Protocol) -> ResultCounts:
         },
         without_box=int((any_own & (det.values[:, 6] == det.values[:, 4])).sum()),
         without_size=_without_size(det, own),
-        others={name: n for name, n in _by_name(det).items() if name.lower() not in known},
+        others={name: n for name, n in _by_name(det).items() if name not in known},
         equal={
             name: float(det.scores[mask][0])
             for name, mask in own.items()

@@ -233,6 +233,17 @@ def test_cars_without_a_point_tell_how_many_the_fullest_holds(folder: Path) -> N
     assert "the fullest of those looked at holds 0 points" in error.advice
 
 
+def test_a_class_in_another_case_is_listed_among_those_found(folder: Path) -> None:
+    change_labels(folder, lambda row: ["Lorry" if row[0] == "Car" else row[0], *row[1:]])
+    n = sum(row[0] == "Lorry" for row in label_rows(folder, VAL))
+    words = ["classes=[lorry]", "+protocol.overlaps.lorry=[0.5,0.5,0.5]"]
+    messages = [error.message for error in look(folder, *words).errors]
+    (message,) = [one for one in messages if one.startswith("nothing counts")]
+    assert "Did you mean 'Lorry'? Found: " in message
+    assert f"Lorry {n}" in message
+    assert message.endswith("possible: lorry")
+
+
 def test_labels_without_2d_boxes_count_for_nobody_and_the_way_out_is_named(folder: Path) -> None:
     change_labels(folder, lambda row: [*row[:4], "0", "0", "0", "0", *row[8:]])
     (error,) = look(folder).errors
