@@ -56,7 +56,10 @@ class Held:
     def warnings(self) -> tuple[str, ...]:
         """What looks like a mistake in the labels or in a detector's results, as ``evaluate`` says it, a line each."""
         labels = next(iter(self.runs.values()))[0].gt
-        lines = label_warnings(count_labels(labels, self.protocol))
+        results = [
+            count_results(run.det, self.protocol) for own in self.runs.values() for run in own
+        ]
+        lines = label_warnings(count_labels(labels, self.protocol), results)
         return (*lines, *(line for name in self.names for line in self._warnings_of(name)))
 
     def _warnings_of(self, name: str) -> list[str]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
+from fl3d.core.errors import meant
 from fl3d.evaluation.counts import LabelCounts, ResultCounts
 from fl3d.evaluation.folders import Evaluated
 from fl3d.evaluation.frames import LABEL_FIELDS
@@ -12,6 +13,8 @@ from fl3d.evaluation.mistakes import Mistake
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
 from fl3d.reports.counted import by_name
 
+# Classes of KITTI's benchmark, which every named protocol scores: that a data set has none of one is no slip.
+USUAL = ("Car", "Pedestrian", "Cyclist")
 OF_PICTURE = {
     Reason.NO_BOX,
     Reason.LOW,
@@ -47,12 +50,27 @@ def warnings(found: Evaluated) -> list[str]:
     ]
     if none and any(results.results.values()):
         lines.append(f"no result is a {' or '.join(none)}, of which there are labels")
+    lines += unknown_classes(labels, [results])
     return [*lines, *(mistake.text for mistake in found.mistakes)]
 
 
-def label_warnings(labels: LabelCounts) -> list[str]:
-    """What looks like a mistake in labels that several folders of results are held against."""
-    return _turned("labels", labels.turned)
+def label_warnings(labels: LabelCounts, results: Sequence[ResultCounts]) -> list[str]:
+    """What looks like a mistake in labels that several folders of results are held against, and in asked classes."""
+    return [*_turned("labels", labels.turned), *unknown_classes(labels, results)]
+
+
+def unknown_classes(labels: LabelCounts, results: Sequence[ResultCounts]) -> list[str]:
+    """Classes that a user added to a protocol and that nothing is of: a slip, which would change nothing."""
+    present = {name for name, n in labels.labels.items() if n} | set(labels.others)
+    present |= {name for of in labels.neighbours.values() for name, n in of.items() if n}
+    for one in results:
+        present |= {name for name, n in one.results.items() if n} | set(one.others)
+    return [
+        f"no label or result is of class {name}, so its overlaps change nothing. {meant(name, present)}"
+        f"There are: {', '.join(sorted(present)) or 'none'}"
+        for name in labels.labels
+        if name not in (*USUAL, *present)
+    ]
 
 
 def result_warnings(results: ResultCounts, mistakes: Sequence[Mistake]) -> list[tuple[str, str]]:
@@ -82,8 +100,8 @@ def why_nothing(found: Evaluated) -> str | None:
     n_own = sum(results.results.values())
     if results.n_results and not n_own:
         return (
-            f"nothing to evaluate: no result is of a class that counts. Found: {by_name(results.others)}; "
-            f"possible: {', '.join(classes)}"
+            f"nothing to evaluate: no result is of a class that counts. {_meant(classes, results.others)}"
+            f"Found: {by_name(results.others)}; possible: {', '.join(classes)}"
         )
     if found.protocol.uses_picture and n_own and results.without_box == n_own:
         return (
@@ -108,13 +126,19 @@ def why_no_label(counts: LabelCounts, protocol: Protocol) -> str:
         present = dict(counts.others)
         present |= {name: n for of in counts.neighbours.values() for name, n in of.items() if n}
         present |= {"DontCare": counts.dontcare} if counts.dontcare else {}
-        return f"no label is of a class that counts. Found: {by_name(present)}; possible: {names}"
+        hint = _meant(counts.counted, present)
+        return f"no label is of a class that counts. {hint}Found: {by_name(present)}; possible: {names}"
     at_hard: dict[Reason, int] = {}
     for by_level in counts.ignored.values():
         for reason, n in by_level[DIFFICULTIES[-1]].items():
             at_hard[reason] = at_hard.get(reason, 0) + n
     parts = [f"{n} {_at_hard(reason, protocol)}" for reason, n in at_hard.items()]
     return f"of {total} labels ({_present(counts)}) none counts: {', '.join(parts)}. {_advice(at_hard)}"
+
+
+def _meant(classes: Iterable[str], found: Iterable[str]) -> str:
+    """A class of the user's own that is nearly one that is there; of KITTI's, what is there says enough."""
+    return "".join(meant(name, found) for name in classes if name not in USUAL)
 
 
 def _present(counts: LabelCounts) -> str:

@@ -57,6 +57,24 @@ def test_tables_fit_a_terminal_and_can_be_pasted(tmp_path: Path, capsys: Printed
     assert "taken as independent" in out
 
 
+def test_a_misspelt_class_is_warned_of(three: list[str], capsys: Printed) -> None:
+    code, _, err = compare(capsys, *three, "--overlaps", "Cra=0.5,0.5,0.5")
+    assert code == 0
+    assert err == (
+        "fl3d: warning: no label or result is of class Cra, so its overlaps change nothing. Did you mean 'Car'? "
+        "There are: Car\n"
+    )
+
+
+def test_a_folder_without_a_mapping_is_refused(
+    three: list[str], tmp_path: Path, capsys: Printed
+) -> None:
+    code, out, err = compare(capsys, *three, "--mapping", tmp_path)
+    assert (code, out) == (2, "")
+    assert f"{tmp_path}: holds no mapping of frames to drives" in err
+    assert "train_rand.txt and train_mapping.txt" in err
+
+
 def test_three_runs_have_a_verdict(three: list[str], capsys: Printed) -> None:
     labels, few, many = three
     code, out, _ = compare(capsys, labels, few, "--classes", "Car", many)  # in any order

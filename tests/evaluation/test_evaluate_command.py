@@ -223,6 +223,31 @@ def test_what_looks_like_a_mistake_is_a_warning(
     assert "warning" not in out
 
 
+def test_a_class_of_ones_own_that_nothing_is_of_is_a_warning(
+    folders: Folders, capsys: Printed
+) -> None:
+    folders.add(
+        "000001", line() + line("Van") + line("Cone"), line(score=1) + line("Post", score=1)
+    )
+    for name, told in (
+        ("Cra", "Did you mean 'Car'? There are: Car, Cone, Post, Van"),
+        ("cone", "Did you mean 'Cone'? There are: Car, Cone, Post, Van"),
+        ("Tree", "changes nothing. There are: Car, Cone, Post, Van"),
+    ):
+        word = f"+overlaps.{name}=[0.5,0.5,0.5]"
+        code, _, err = evaluate(capsys, folders.labels, folders.results, word)
+        assert code == 0
+        (warned,) = err.splitlines()
+        assert f"no label or result is of class {name}, so its overlaps" in warned
+        assert told.removeprefix("changes nothing. ") in warned
+        assert ("Did you mean" in warned) == ("Did you mean" in told)
+    for name in ("Cone", "Post"):  # of which there is a label, or a result
+        word = f"+overlaps.{name}=[0.5,0.5,0.5]"
+        assert (
+            "no label or result" not in evaluate(capsys, folders.labels, folders.results, word)[2]
+        )
+
+
 def test_lidar_counts_all_around_by_distance(folders: Folders, capsys: Printed) -> None:
     places = ["1 1.65 10", "1 1.65 -40", "-60 1.65 0", "0 1.65 80"]
     truth = "".join(line(box="0 0 0 0", occluded="3", place=place) for place in places)
