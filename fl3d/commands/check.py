@@ -25,9 +25,12 @@ EXAMPLES = """\
 
 Ends with code 2 where there are errors, so that a script can ask; warnings are odd but possible.
 """
-
-
 ALL = "all"
+DATA = ("data=", "data.root=")  # words that say which frames are meant
+NOTHING_NAMED = (
+    "which frames? Name the folder that holds training/ and ImageSets/, such as: check /data/kitti; or give "
+    "data.root=FOLDER, or data=simulated for the frames that a sweep would simulate"
+)
 
 
 def run(arguments: list[str]) -> None:
@@ -36,13 +39,16 @@ def run(arguments: list[str]) -> None:
     It tells what is there, what a detector would learn from, what an evaluation would count, and what is wrong or odd,
     and draws one frame, so that an axis that is wrong is seen.
     """
-    given = _options().parse_intermixed_args(arguments)
+    options = _options()
+    given = options.parse_intermixed_args(arguments)
+    folder, words = _folder(given.words)
+    if folder is None and not any(word.lstrip("+").startswith(DATA) for word in words):
+        options.error(NOTHING_NAMED)
     with loading():
         from tqdm import tqdm
 
         from fl3d.api.inspection import check
 
-    folder, words = _folder(given.words)
     most = _most_clouds(given.clouds)
     with tqdm(unit="file", disable=None, leave=False) as bar:
         found = check(folder, *words, clouds=most, seen=bar.update)

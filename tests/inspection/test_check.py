@@ -233,6 +233,32 @@ def test_cars_without_a_point_tell_how_many_the_fullest_holds(folder: Path) -> N
     assert "the fullest of those looked at holds 0 points" in error.advice
 
 
+@pytest.mark.parametrize("words", [[], ["detector=pointrcnn"], ["+sweep=gamma", "seeds=2"]])
+def test_a_check_of_nothing_says_what_to_give_and_simulates_nothing(
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        main(["check", *words])
+    assert end.value.code == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("usage: python -m fl3d check")
+    assert "Name the folder that holds training/ and ImageSets/" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_may_be_named_by_data_root(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = ["--picture", str(tmp_path / "frame.png")]
+    main(["check", "data=kitti", f"data.root={folder}", *picture])
+    assert "evaluated (val): 4 frames" in capsys.readouterr().out
+
+
 def test_a_class_in_another_case_is_listed_among_those_found(folder: Path) -> None:
     change_labels(folder, lambda row: ["Lorry" if row[0] == "Car" else row[0], *row[1:]])
     n = sum(row[0] == "Lorry" for row in label_rows(folder, VAL))
