@@ -52,6 +52,7 @@ class Progress:
         self._next = time.monotonic() + self._pause
         self._ticked = time.monotonic()
         self._told: set[str] = set()
+        self._failed: dict[str, str] = {}  # by why, the first stage that did
         self._slot_seconds = 0.0  # that were at work
         self._plan: Plan | None = None
         self._first: dict[str, float] = {}  # share done of stages that had begun when first seen
@@ -101,7 +102,10 @@ class Progress:
         for key, trace in scheduler.outcome.failed.items():
             if key not in self._told:
                 self._told.add(key)
-                self.say(f"\n{key} failed:\n{trace}")
+                first = self._failed.setdefault(scheduler.outcome.kind(key), key)
+                self.say(
+                    f"\n{key} failed:\n{trace}" if first == key else f"{key} failed as {first} did"
+                )
 
     def _see(self, plan: Plan) -> None:
         """Look at the stages that the plan has gained."""

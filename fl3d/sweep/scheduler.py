@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from fl3d.core.errors import StageFailed, Unwritable
@@ -17,6 +18,7 @@ from fl3d.sweep.plan import Plan
 from fl3d.sweep.ready import Ready
 
 MAX_TRIES = 3  # of a stage that was killed
+NAMED = 3  # stages, of those that failed alike
 BUSY_SECONDS = 30.0  # before a launcher that refused a stage is asked again
 
 
@@ -44,15 +46,34 @@ class Outcome:
         """Raise if anything failed.
 
         Raises:
-            StageFailed: names each failed stage, with the last line of its traceback.
+            StageFailed: names failed stages, with the last lines of their tracebacks; equal ones once.
         """
         if self.failed:
+            groups: dict[str, list[str]] = {}
+            for key in self.failed:
+                groups.setdefault(self.kind(key), []).append(key)
             reasons = "\n".join(
-                f"  {key}: {trace.strip().splitlines()[-1]}" for key, trace in self.failed.items()
+                f"  {_named(keys)}: {_last_line(self.failed[keys[0]])}" for keys in groups.values()
             )
             raise StageFailed(
                 f"{len(self.failed)} stage(s) failed, {len(self.blocked)} could not start:\n{reasons}"
             )
+
+    def kind(self, key: str) -> str:
+        """Why a stage failed, equal for stages that failed alike: its last line without the stage's own name."""
+        return re.sub(rf"(?<!\w){re.escape(key)}(?!\w)", "", _last_line(self.failed[key]))
+
+
+def _last_line(trace: str) -> str:
+    return trace.strip().splitlines()[-1]
+
+
+def _named(keys: Sequence[str]) -> str:
+    """A stage's key, or how many there are and the first of them."""
+    if len(keys) == 1:
+        return keys[0]
+    more = ", ..." if len(keys) > NAMED else ""
+    return f"{len(keys)} stages ({', '.join(keys[:NAMED])}{more})"
 
 
 class Scheduler:

@@ -11,9 +11,11 @@ from fl3d.core.records import Stage
 from fl3d.evaluation.protocol import Protocol
 from fl3d.runs.layout import RunFolder, StoreFolder
 from fl3d.runs.spec import Machine, read_spec
+from fl3d.sweep.cost import Costs
 from fl3d.sweep.launchers.base import Job, JobState, Launcher, LauncherBusy
 from fl3d.sweep.plan import Plan
-from fl3d.sweep.scheduler import MAX_TRIES, Scheduler
+from fl3d.sweep.progress import Progress
+from fl3d.sweep.scheduler import MAX_TRIES, Outcome, Scheduler
 from fl3d.sweep.setup import machine
 from tests.support import drive, small_sweep, train_stages
 
@@ -125,6 +127,36 @@ def test_a_failure_stops_its_descendants_alone_and_is_known_at_once(tmp_path: Pa
     assert "ValueError: broken" in outcome.failed["a"]
     with pytest.raises(StageFailed, match="a: ValueError: broken"):
         outcome.check()
+
+
+def test_stages_that_failed_alike_are_told_once() -> None:
+    """Four have one message but for their names, and one has another."""
+    alike = {f"s{i}": f"Traceback\n  line {i}\nValueError: see stages/s{i}/log\n" for i in range(4)}
+    outcome = Outcome(failed={**alike, "t": "killed 3 times without making progress"})
+    with pytest.raises(StageFailed) as error:
+        outcome.check()
+    assert str(error.value).splitlines() == [
+        "5 stage(s) failed, 0 could not start:",
+        "  4 stages (s0, s1, s2, ...): ValueError: see stages/s0/log",
+        "  t: killed 3 times without making progress",
+    ]
+
+
+def test_a_sweep_tells_the_second_of_stages_that_fail_alike_in_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    launcher = FakeLauncher(2, {"a": [JobState.RAISED], "b": [JobState.RAISED]})
+    scheduler = schedule(launcher, tmp_path)
+    drive(scheduler, tree(stage("a", None), stage("b", None)))
+    said: list[str] = []
+    with Progress("x", scheduler.layout, Costs(scheduler.layout.stages, 1), 2) as progress:
+        monkeypatch.setattr(progress, "say", said.append)
+        progress.show(tree(), scheduler, ())
+        progress.show(tree(), scheduler, ())
+    assert len(said) == 2
+    assert said[0].startswith("\na failed:\n")
+    assert said[0].rstrip().endswith("ValueError: broken")
+    assert said[1] == "b failed as a did"
 
 
 def test_a_killed_stage_is_tried_again_a_raising_one_is_not(tmp_path: Path) -> None:
