@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import decimal
 import itertools
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -24,6 +25,7 @@ from hydra.errors import HydraException
 from fl3d.config.places import groups, is_group, options_of
 from fl3d.core.errors import ConfigError, options
 
+_LIST = re.compile(r"^(?:choice|sort|shuffle)\((.*)\)$", re.S)  # around values
 MOST_VALUES = 10_000  # of one key: a larger sweep is a slip, such as range(0,1000000)
 
 
@@ -134,12 +136,35 @@ def typed_words(override: Override) -> tuple[str, ...]:
     """The words of an override, one for each of its values.
 
     Raises:
-        ConfigError: see ``plain_values``.
+        ConfigError: see ``plain_values``; or two numbers that are equal and typed differently.
     """
     if not override.is_sweep_override():
         return (str(override.input_line),)
+    _refuse_equal(override)
     key = override.get_key_element()
     return tuple(f"{key}={value}" for value in _listed(override, Transformer.str))
+
+
+def _refuse_equal(override: Override) -> None:
+    """Refuse 2 and 2.0, or 1e-3 and 0.001: they are one training, where the user means two.
+
+    What is typed twice alike, such as ``seed=0,0``, is one trial and no slip.
+    """
+    value: Any = override.value()
+    if not isinstance(value, ChoiceSweep) or not override.input_line:
+        return
+    text = override.input_line.partition("=")[2]
+    typed = [part.strip() for part in _LIST.sub(r"\1", text.strip()).split(",")]
+    if len(typed) != len(value.list):
+        return  # lists, or texts with commas
+    first: dict[float, str] = {}
+    for own, number in zip(typed, value.list, strict=True):
+        if isinstance(number, int | float) and not isinstance(number, bool):
+            known = first.setdefault(number, own)
+            if known != own:
+                raise ConfigError(
+                    f"{override.input_line}: {own} is the same value as {known}, and so the same training; keep one"
+                )
 
 
 def _listed(override: Override, transformer: Any) -> list[Any]:

@@ -83,6 +83,11 @@ def test_a_later_word_overrules_an_earlier_one(words: list[str], gammas: list[fl
         assert [point.values["loss.gamma"] for point in found] == gammas
 
 
+@pytest.mark.parametrize("word", ["seed=0,0", "loss.gamma=2.0,2.0", "loss.gamma=1,'1.0'"])
+def test_a_value_that_is_typed_twice_is_no_slip(word: str) -> None:
+    assert len(points([word])) == 2
+
+
 def test_the_words_of_one_trial_are_what_hydra_shows() -> None:
     words = [
         "schedule.epochs.focal=1",
@@ -121,6 +126,12 @@ def test_a_group_left_out_is_the_configs_own_default() -> None:
         (["loss.gamma=glob(*)"], "glob.* names files of a group, and loss.gamma is none"),
         (["loss=glob(*),null"], "glob.* stands alone; beside other values name the files"),
         (["detector=glob(z*)"], "matches no file of the group. Possible: command, fcn3d"),
+        (
+            ["loss.gamma=2,2.0"],
+            "^loss.gamma=2,2.0: 2.0 is the same value as 2, and so the same training",
+        ),
+        (["optimizer.lr=1e-3,1,0.001"], "0.001 is the same value as 1e-3, and so"),
+        (["loss.gamma=choice(0, 1, 1.)"], "1. is the same value as 1, and so"),
         (["loss.gamma=range(0,0)"], "holds no value; range.0,3. is 0,1,2"),
         (["loss.gamma=range(0,1,0)"], "no range of numbers"),
         (["loss.gamma=range(0,1e9)"], "more than 10000 values"),
