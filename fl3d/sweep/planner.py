@@ -71,6 +71,7 @@ class Planner:
         # Of a single trial every word counts as swept; what all trials must share is not compared.
         compared = [key for key in swept if key.partition(".")[0] not in SHARED]
         self.design: Design = make_design(compared, settings.sweep)
+        self._common = _shared_leaves(base)
         self._checked: set[str] = set()
         self._frozen: dict[str, FrozenTrial] = {}
         # Of each set of dotted keys the first config that has them.
@@ -159,7 +160,7 @@ class Planner:
 
     def _lay_out(self, point: Point) -> tuple[Trial, list[Stage]]:
         """The trial of one point, and its stages."""
-        self._check_shared(point)
+        _refuse_other(point, self._common)
         its = planned(point.config)
         its.check()
         config = its.config
@@ -195,16 +196,29 @@ class Planner:
             for key, value in config.items()
         }
 
-    def _check_shared(self, point: Point) -> None:
-        own, shared = (
-            dict(leaves({section: config[section] for section in SHARED if section in config}))
-            for config in (point.config, self.base)
-        )
-        for key in {**own, **shared}:
-            if key not in own or key not in shared or own[key] != shared[key]:
-                raise ConfigError(
-                    f"{key}: all trials of a sweep must share it; run one sweep for each value"
-                )
+
+def check_shared(points: Iterable[Point], base: Config) -> None:
+    """Refuse trials that differ in what all must share; it needs no data.
+
+    Raises:
+        ConfigError: naming the key.
+    """
+    shared = _shared_leaves(base)
+    for point in points:
+        _refuse_other(point, shared)
+
+
+def _refuse_other(point: Point, shared: Mapping[str, Any]) -> None:
+    own = _shared_leaves(point.config)
+    for key in {**own, **shared}:
+        if key not in own or key not in shared or own[key] != shared[key]:
+            raise ConfigError(
+                f"{key}: all trials of a sweep must share it; run one sweep for each value"
+            )
+
+
+def _shared_leaves(config: Config) -> dict[str, Any]:
+    return dict(leaves({section: config[section] for section in SHARED if section in config}))
 
 
 def _refuse_unused(trial: Trial, other: Trial) -> None:
@@ -221,11 +235,15 @@ def _refuse_unused(trial: Trial, other: Trial) -> None:
     why = planned(trial.config).unused(differing) if differing else ""
     if why:
         raise ConfigError(why)
+    if trial.values.keys() == other.values.keys() and not differing:
+        reason = "their values are equal"  # as 2 and 2.0 are
+    else:
+        reason = "nothing that is trained reads it, or another word overrules it"
     own, others = (
         " ".join(word for word in one.overrides if word not in another.overrides)
         for one, another in ((other, trial), (trial, other))
     )
     raise ConfigError(
         f"'{own or 'nothing'}' and '{others or 'nothing'}' are one and the same training, so that they cannot be "
-        "compared: nothing that is trained reads it, or another word overrules it"
+        f"compared: {reason}"
     )

@@ -26,7 +26,7 @@ from fl3d.sweep.notes import note
 from fl3d.sweep.pictures import draw_frame_with_most_objects
 from fl3d.sweep.places import check_places
 from fl3d.sweep.plan import DataInfo, Plan
-from fl3d.sweep.planner import Planner
+from fl3d.sweep.planner import Planner, check_shared
 from fl3d.sweep.prepare import PreparedData, prepare_data
 from fl3d.sweep.recorder import Subject
 from fl3d.sweep.scoreboard import Scoreboard
@@ -84,12 +84,14 @@ def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
         raise ConfigError("a sweep needs at least one trial")
     settings = read_settings(sweeper.base)
     check_places(settings)
+    points = sweeper.first()
+    check_shared(points, sweeper.base)  # before frames are simulated
     data = prepare_data(settings.data)
     info = DataInfo(data.digest, len(data.train_ids), data.image_digest)
     planner = Planner(
         sweeper.base, settings, sweeper.swept, info, grows=sweeper.listens, looks=sweeper.looks
     )
-    plan = planner.plan(sweeper.first())
+    plan = planner.plan(points)
     if plan.trials:
         planner.baseline(plan)  # one that is no level is refused now
     return Prepared(

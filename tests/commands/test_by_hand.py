@@ -402,3 +402,12 @@ def test_what_belongs_to_the_whole_sweep_cannot_be_swept(places: list[str], word
     key = word.partition("=")[0]
     with pytest.raises(ConfigError, match=f"^{key}: all trials of a sweep must share it"):
         start(asked.arguments, grid({}, asked.arguments, asked.compose))
+
+
+def test_frames_are_not_simulated_for_a_sweep_that_is_refused(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    words = ["profile=tiny", "data.train_frames=2,3", f"data.root={data}"]
+    asked = named(multirun([*words, f"store.root={tmp_path / 'runs'}"]))
+    with pytest.raises(ConfigError, match=r"^data.train_frames: all trials of a sweep must share"):
+        start(asked.arguments, grid({}, asked.arguments, asked.compose))
+    assert not data.exists()
