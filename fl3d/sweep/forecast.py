@@ -24,6 +24,7 @@ class Forecast:
         slots: stages at once.
         keep_every: epochs between checkpoints whose weights are kept; None: see ``retention``.
         has_keys: whether the data, and so the stages' keys, are known; else nothing is found done.
+        is_example: whether the plan is one of trials that are not known yet: what is done of it says nothing of them.
     """
 
     def __init__(
@@ -34,20 +35,24 @@ class Forecast:
         slots: int,
         keep_every: int | None,
         has_keys: bool = True,
+        is_example: bool = False,
     ) -> None:
         self.plan = plan
         self.slots = slots
         self.keep_every = keep_every
-        self.has_keys = has_keys
+        self.has_keys = has_keys and not is_example
+        self.is_example = is_example
         self.layout = layout
         costs = Costs(layout.stages, n_val)
         costs.learn()
         self.costs = {key: costs.cost(stage) for key, stage in plan.stages.items()}
         self.left = {key: 1 - self._share(stage) for key, stage in plan.stages.items()}
-        self.todo = [key for key in plan.stages if not layout.run(key).is_done]
+        self.todo = [key for key in plan.stages if is_example or not layout.run(key).is_done]
 
     def _share(self, stage: Stage) -> float:
         """Of a stage's steps that are done."""
+        if self.is_example:
+            return 0.0
         return steps_done(self.layout.run(stage.key), stage) / stage.steps
 
     def counts(self) -> str:
@@ -132,10 +137,10 @@ class Forecast:
 
     def _state(self, stage: Stage) -> str:
         folder = self.layout.run(stage.key)
-        if folder.is_done:
+        if folder.is_done and not self.is_example:
             return "done"
         left = self.left[stage.key]
-        holder = holder_of(folder.lease)
+        holder = None if self.is_example else holder_of(folder.lease)
         if holder is not None:
             return f"in training by {holder}, {1 - left:.0%}"
         begun = f"{1 - left:.0%} done, " if left < 1 else ""

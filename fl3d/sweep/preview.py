@@ -57,12 +57,15 @@ def preview(
         launcher.slots if points else 1,
         settings.store.keep_every,
         data.missing is None,
+        is_example=not points,
     )
     unready = f" (data: {data.missing})" if data.missing else ""
-    say(f"{settings.experiment}: {forecast.counts()}{unready}")
-    if not points:
-        count = sweeper.n_trials
-        say(f"A study of {count} trials, proposed one by one. One of them, with nothing shared:")
+    if points:
+        say(f"{settings.experiment}: {forecast.counts()}{unready}")
+    else:
+        count = f"{sweeper.n_trials} trials" if sweeper.n_trials != 1 else "1 trial"
+        say(f"{settings.experiment}: a study of {count}, proposed as it goes{unready}")
+        say(f"One of them, with nothing shared, has {len(plan.stages)} stages:")
     for line in forecast.summary():
         say(line)
     if sweeper.outlook():

@@ -60,9 +60,23 @@ def test_the_papers_sweep_is_480_of_840_epochs(tmp_path: Path) -> None:
 )
 def test_a_study_is_planned_by_one_of_its_trials(words: tuple[str, ...], tmp_path: Path) -> None:
     plan, text = shown(*words, f"data.root={tmp_path}", f"store.root={tmp_path}")
-    assert "A study of 5 trials" in text
+    assert "a study of 5 trials, proposed as it goes" in text
+    assert "One of them, with nothing shared, has 2 stages:" in text
     assert len(plan.trials) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_done_of_the_trial_that_stands_in_for_a_studys_is_not_counted(
+    simulated: Path, tmp_path: Path
+) -> None:
+    """A trial of gamma 0 was trained; which ones a study will propose nobody knows."""
+    train(simulated, tmp_path, ["detector=voxelnet"])
+    places = [f"data.root={simulated}", f"store.root={tmp_path / 'runs'}", "detector=voxelnet"]
+    study = ["hydra/sweeper=optuna", "hydra.sweeper.n_trials=3", "loss.gamma=interval(0,5)"]
+    _, text = shown(*SMALL, *places, *study)
+    assert "a study of 3 trials, proposed as it goes" in text
+    assert "done" not in text
+    assert "4 of 4 without shared beginnings; 4 to train" in text
 
 
 def test_a_baseline_that_is_no_level_is_refused_before_anything_runs(tmp_path: Path) -> None:
