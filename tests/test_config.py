@@ -159,6 +159,8 @@ def test_help_teaches() -> None:
         one = run(command, "--help")
         assert one.returncode == 0
         assert command in one.stdout
+        if command in ("gains", "tables", "figures", "rescore"):
+            assert f"example: python -m fl3d {command} " in one.stdout
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ def run(arguments: list[str]) -> None:
     that it feeds. What the models say of the validation frames' windows is kept in the store, so a second time is
     quick. Without a sweep among the words: of +sweep=gamma.
     """
-    arguments_of = parser("figures", run.__doc__)
+    arguments_of = parser("figures", run.__doc__, "+sweep=gamma")
     arguments_of.add_argument("overrides", nargs="*", help=HELP)
     words = arguments_of.parse_intermixed_args(arguments).overrides
     with loading():

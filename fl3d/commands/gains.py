@@ -21,7 +21,7 @@ def run(arguments: list[str]) -> None:
     baseline is its first level, or the one that sweep.baseline names. The verdict is about sweep.primary, and gains
     below sweep.margin do not matter. It needs three seeds of training: seeds=3.
     """
-    arguments_of = parser("gains", run.__doc__)
+    arguments_of = parser("gains", run.__doc__, "detector=voxelnet loss.gamma=0,1,2 seeds=3")
     arguments_of.add_argument("overrides", nargs="+", help=HELP)
     arguments_of.add_argument(
         "--metric",

@@ -60,9 +60,17 @@ def overview() -> str:
     return OVERVIEW + "\n".join([*commands, *chosen])
 
 
-def parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """An argument parser of a command."""
-    return argparse.ArgumentParser(prog=f"python -m fl3d {name}", description=description)
+def parser(name: str, description: str | None, example: str = "") -> argparse.ArgumentParser:
+    """An argument parser of a command.
+
+    Args:
+        name: of the command.
+        description: what it does.
+        example: words behind its name, shown below its options; empty: none.
+    """
+    prog = f"python -m fl3d {name}"
+    epilog = f"example: {prog} {example}" if example else None
+    return argparse.ArgumentParser(prog=prog, description=description, epilog=epilog)
 
 
 def protocol_names() -> list[str]:

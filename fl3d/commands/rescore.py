@@ -13,7 +13,7 @@ def run(arguments: list[str]) -> None:
 
     Values with commas are compared: score_threshold=0,0.5,0.8,0.9 or nms_iou=0.1,0.5 nms_kind=standup,rotated,3d.
     """
-    arguments_of = parser("rescore", run.__doc__)
+    arguments_of = parser("rescore", run.__doc__, "+sweep=gamma score_threshold=0,0.5,0.8")
     arguments_of.add_argument(
         "overrides", nargs="+", help=f"{HELP}; and KEY=VALUES of the protocol"
     )

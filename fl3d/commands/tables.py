@@ -13,7 +13,7 @@ def run(arguments: list[str]) -> None:
     Of a sweep typed by hand: by what it was started with, or some of it. Without such words: of every sweep file that
     was run on the data and profile, and of every sweep typed by hand; seeds=N leaves other seeds out.
     """
-    arguments_of = parser("tables", run.__doc__)
+    arguments_of = parser("tables", run.__doc__, "+sweep=gamma seeds=3")
     arguments_of.add_argument("overrides", nargs="*", help=HELP)
     words = arguments_of.parse_intermixed_args(arguments).overrides
     with loading():
