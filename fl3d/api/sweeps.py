@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -17,6 +18,7 @@ from fl3d.config.compose import compose_config, multirun
 from fl3d.config.detector_names import spell_out_detectors
 from fl3d.config.objects import build
 from fl3d.config.overrides import parse
+from fl3d.config.places import own_folders, search_also
 from fl3d.config.seeds import spell_out_seeds
 from fl3d.core.errors import CheckpointError, ConfigError, DataError, StoreError
 from fl3d.papers.drawings import curve_figures, score_figures, verdict_figures
@@ -131,27 +133,32 @@ class Sweep:
             return score_figures(self.finished)
 
 
-def open_sweep(*words: str) -> Sweep:
+def open_sweep(*words: str, config_dir: Path | str | None = None) -> Sweep:
     """Open a sweep that was run before, or whose scores fl3d publishes.
 
     Args:
         words: those that it was started with, such as ``"+sweep=gamma", "seeds=3"``; of a sweep typed by hand some of
             them; values among them pick its trials. ``"store.root=FOLDER"`` says where it lies.
+        config_dir: folder of your own YAMLs and modules, as ``--config-dir``; a process has one, from then on.
 
     Raises:
         ConfigError: a group, option, key or value that does not exist.
         StoreError: no trial of it is done here.
     """
+    _search(config_dir)
     return Sweep(open_words(read_words(_spelled(words))))
 
 
-def run(*words: str, say: Callable[[str], None] = print) -> Sweep:
+def run(
+    *words: str, say: Callable[[str], None] = print, config_dir: Path | str | None = None
+) -> Sweep:
     """Train, score and tabulate a sweep or a single trial: ``fl3d -m WORDS``; what is done is reused.
 
     Args:
         words: as typed behind ``fl3d -m``: a sweep file (``"+sweep=gamma"``), or values
             (``"detector=voxelnet", "loss.gamma=0,1", "seeds=3"``). Without a key that has several values: one trial.
         say: prints a line for the user.
+        config_dir: see ``open_sweep``.
 
     Returns:
         the sweep, opened.
@@ -160,6 +167,7 @@ def run(*words: str, say: Callable[[str], None] = print) -> Sweep:
         ConfigError: words that do not fit.
         StageFailed: a stage failed; all others are trained and scored.
     """
+    _search(config_dir)
     spelled = _spelled(words)
     asked = multirun(spelled)
     if _is_sweep(spelled):
@@ -169,6 +177,21 @@ def run(*words: str, say: Callable[[str], None] = print) -> Sweep:
     name_trial(config)
     listed = Listed([point_of(spelled, config)])
     return Sweep(opening.open_sweep(train(listed, asked.launcher, spelled, say)))
+
+
+def _search(config_dir: Path | str | None) -> None:
+    """Look in the user's own folder too.
+
+    Raises:
+        ConfigError: there is no such folder, a file in it has the place of one of fl3d's, or there is another one.
+    """
+    if config_dir is None:
+        return
+    folder = Path(config_dir)
+    others = [str(own) for own in own_folders() if own != folder.resolve()]
+    if others:
+        raise ConfigError(f"config_dir {folder}: this process has one already, {others[0]}")
+    search_also(folder)
 
 
 def _is_sweep(words: list[str]) -> bool:
