@@ -1,6 +1,10 @@
 """A sweep small enough for a test: six frames, two steps an epoch."""
 
+import sqlite3
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 
 from fl3d.config.compose import compose_config
@@ -99,6 +103,30 @@ def train(simulated: Path, root: Path, *points: Sequence[str]) -> tuple[Plan, Pa
     prepared = small_sweep(simulated, root, points)
     train_stages(prepared)
     return prepared.plan, prepared.layout.stages
+
+
+def keeps_locks(file: Path, look: Callable[[], object]) -> bool:
+    """Whether a look at a SQLite database leaves this process's connection to it what it has written last.
+
+    Another process that reads and closes takes itself for the last one, and deletes the rest, where the look has given
+    up this process's locks.
+    """
+    reader = (
+        f"import sqlite3; c = sqlite3.connect({str(file)!r}); print(*c.execute('SELECT * FROM t'))"
+    )
+
+    def seen() -> str:
+        own = [sys.executable, "-c", f"{reader}; c.close()"]
+        return subprocess.run(own, capture_output=True, text=True, check=True).stdout
+
+    with closing(sqlite3.connect(file, isolation_level=None)) as connection:
+        connection.execute("PRAGMA journal_mode=WAL")
+        connection.execute("CREATE TABLE t (x)")
+        connection.execute("INSERT INTO t VALUES (1)")
+        look()
+        seen()
+        connection.execute("INSERT INTO t VALUES (2)")
+        return seen() == "(1,) (2,)\n"
 
 
 def last_weights(stages: Path, key: str) -> bytes:

@@ -103,6 +103,30 @@ def swap_folder(made: Path, place: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
+def check_access(path: Path, mode: int) -> None:
+    """Ask the system whether a file may be used, without opening it.
+
+    A process that closes any descriptor of a file gives up all of its locks on it. SQLite has its own in mind: another
+    process then takes itself for the last that is connected, and deletes what was written last. So a database is never
+    opened by hand (https://sqlite.org/howtocorrupt.html, 2.2).
+
+    Args:
+        path: of the file.
+        mode: ``os.R_OK``, ``os.W_OK`` or both.
+
+    Raises:
+        OSError: it may not, with the reason as far as the system tells it.
+    """
+    number = None
+    if path.is_dir():
+        number = errno.EISDIR
+    elif not os.access(path, mode):
+        is_read_only = mode & os.W_OK and os.statvfs(path).f_flag & os.ST_RDONLY
+        number = errno.EROFS if is_read_only else errno.EACCES
+    if number is not None:
+        raise OSError(number, os.strerror(number), str(path))
+
+
 def check_writable(folder: Path, room: int = 1) -> None:
     """Write a file into a folder, or into where it will be made, and delete it again.
 

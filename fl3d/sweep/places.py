@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fl3d.config.settings import Settings
 from fl3d.core.errors import FULL, ConfigError, Unwritable
-from fl3d.core.files import ROOM, check_writable
+from fl3d.core.files import ROOM, check_access, check_writable
 from fl3d.runs.layout import StoreFolder
 from fl3d.store.opening import open_store
 from fl3d.sweep.prepare import is_prepared
@@ -30,7 +30,7 @@ def check_places(settings: Settings) -> None:
     file = open_store(settings.store.root, settings.store.uri).file
     if file is not None and file.exists():
         try:
-            os.close(os.open(file, os.O_RDWR))
+            check_access(file, os.R_OK | os.W_OK)
         except OSError as error:
             raise _refused(
                 "store.uri" if settings.store.uri else "store.root", file, error

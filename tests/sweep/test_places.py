@@ -11,7 +11,7 @@ from fl3d.core.errors import ConfigError, StageFailed, StoreError
 from fl3d.runs.layout import StoreFolder
 from fl3d.store.mlflow.connection import outages
 from fl3d.sweep.places import check_places
-from tests.support import run_small, small_config, small_sweep
+from tests.support import keeps_locks, run_small, small_config, small_sweep
 
 POINT = ["detector=voxelnet", "loss.gamma=0"]
 Refuse = Callable[[Path, int], None]
@@ -80,12 +80,15 @@ def test_a_database_of_somebody_else_is_refused_at_the_start(
     settings.store.root.mkdir()
     (settings.store.root / "mlflow.db").touch()
 
-    def refused(path: Path, flags: int) -> int:
-        raise PermissionError(errno.EACCES, "Permission denied", str(path))
-
-    monkeypatch.setattr("fl3d.sweep.places.os.open", refused)
+    monkeypatch.setattr("fl3d.core.files.os.access", lambda path, mode: False)
     with pytest.raises(ConfigError, match=r"^store\.root: .*mlflow\.db cannot be written \(Perm"):
         check_places(settings)
+
+
+def test_a_look_at_a_database_leaves_locks_on_it_alone(simulated: Path, tmp_path: Path) -> None:
+    settings = read_settings(small_config(simulated, tmp_path))
+    settings.store.root.mkdir()
+    assert keeps_locks(settings.store.root / "mlflow.db", lambda: check_places(settings))
 
 
 def test_a_disk_that_fills_up_keeps_what_was_trained_and_resumes(

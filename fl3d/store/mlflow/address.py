@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from fl3d.core.errors import StoreError
-from fl3d.core.files import check_writable
+from fl3d.core.files import check_access, check_writable
 from fl3d.core.leases import leased
 from fl3d.store.mlflow.condition import check_owner
 from fl3d.store.mlflow.connection import check_driver, database_url, file_url, make_whole
@@ -75,7 +76,7 @@ class Address:
         if self.file is None:
             return
         try:
-            self.file.open("rb").close()
+            check_access(self.file, os.R_OK)
         except OSError as error:
             raise StoreError(f"{self.file}: cannot be read ({error.strerror})") from None
 
