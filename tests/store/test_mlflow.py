@@ -12,16 +12,18 @@ from typing import NoReturn
 from urllib.parse import quote
 
 import mlflow
+import pandas as pd
 import pytest
 import sqlalchemy as sa
 
 from fl3d.core.errors import StoreDown, StoreError, Unwritable
 from fl3d.store.base import RunStatus, Scored
 from fl3d.store.mlflow.condition import damage
-from fl3d.store.mlflow.connection import GuardedClient, database_url, reading_url
+from fl3d.store.mlflow.connection import GuardedClient, database_url, outages, reading_url
 from fl3d.store.mlflow.tracking import MlflowStore
 from fl3d.store.mlflow.view import tag_value
 from fl3d.store.opening import open_store
+from tests.support import keeps_locks
 
 TAGS = {"detector": "VoxelNet"}
 PARAMS = {f"key.{i}": i for i in range(150)}  # more than MLflow takes in one request
@@ -212,6 +214,52 @@ def test_the_default_store_is_a_file_in_wal_mode(store: MlflowStore) -> None:
     connection = sqlite3.connect(store.root / "mlflow.db")
     assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
     connection.close()
+
+
+def test_a_look_whether_it_can_be_read_leaves_locks_on_it_alone(tmp_path: Path) -> None:
+    file = tmp_path / "mlflow.db"
+    assert keeps_locks(file, MlflowStore(tmp_path).address.check_readable)
+    assert not keeps_locks(tmp_path / "other.db", (tmp_path / "other.db").read_bytes)
+
+
+def test_a_file_that_may_not_be_read_is_named(
+    store: MlflowStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fl3d.core.files.os.access", lambda path, mode: False)
+    with pytest.raises(StoreError, match=rf"^{store.file}: cannot be read \(Permission denied\)$"):
+        store.read("sweep")
+
+
+@pytest.mark.parametrize(
+    ("error", "kind"),
+    [
+        (sa.exc.OperationalError("SELECT", {}, Exception("disk I/O error")), StoreDown),
+        (sa.exc.DatabaseError("SELECT", {}, Exception("disk I/O error")), StoreError),
+        (pd.errors.DatabaseError("disk I/O error"), StoreError),
+    ],
+)
+def test_a_database_that_fails_is_named_in_one_line(error: Exception, kind: type) -> None:
+    with (
+        pytest.raises(StoreError, match=r"^/a\.db: .*disk I/O error$") as found,
+        outages("sqlite:////a.db"),
+    ):
+        raise error
+    assert type(found.value) is kind
+
+
+def test_a_query_that_fails_is_named_in_one_line(
+    store: MlflowStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of reading, where there is no MLflow between, and of tagging, where there is."""
+    run_of(store, "fails")
+
+    def failing(*_: object, **__: object) -> NoReturn:
+        raise sqlite3.OperationalError("disk I/O error")
+
+    monkeypatch.setattr("sqlalchemy.engine.default.DefaultDialect.do_execute", failing)
+    for call in (lambda: store.read("fails"), lambda: store.set_tags("0" * 32, {"a": "b"})):
+        with pytest.raises(StoreError, match=rf"^{store.file}: .*disk I/O error$"):
+            call()
 
 
 def test_a_view_of_what_matters_can_be_opened_by_link(store: MlflowStore) -> None:

@@ -33,6 +33,7 @@ PATIENCE = "?connect_timeout=10&keepalives_idle=10&keepalives_interval=5&keepali
 READ_OTHERWISE = re.compile(r"\?|%[0-9A-Fa-f]{2}")  # in a path that is part of a URL
 UNWRITABLE = ("database or disk is full", "attempt to write a readonly database")  # SQLite's
 CONNECTION_ERRORS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
+DATABASE_ERRORS = (sa.exc.SQLAlchemyError, pd.errors.DatabaseError)
 Kinds = tuple[type[Exception], ...]
 PASSING = (
     "TEMPORARILY_UNAVAILABLE",
@@ -106,7 +107,7 @@ def outages(uri: str = "") -> Iterator[None]:
 
     Raises:
         StoreDown: the store cannot be reached now.
-        StoreError: its database is damaged, or its disk is full or read-only.
+        StoreError: its database is damaged, its disk is full or read-only, or it fails otherwise.
     """
     try:
         with _damages(uri):
@@ -120,7 +121,12 @@ def outages(uri: str = "") -> Iterator[None]:
         unreachable = str(error).startswith("API request to ") and code == "INTERNAL_ERROR"
         if code in PASSING or unreachable or isinstance(error.__cause__, CONNECTION_ERRORS):
             raise StoreDown(_located(error, uri)) from error
+        if code == "BAD_REQUEST" and isinstance(error.__cause__, DATABASE_ERRORS):
+            raise StoreError(_located(error, uri)) from error
         raise
+    except DATABASE_ERRORS as error:
+        kind = StoreDown if isinstance(error.__cause__, CONNECTION_ERRORS) else StoreError
+        raise kind(_located(error, uri)) from error
 
 
 def _of_loaded(module: str, name: str, others: Kinds = ()) -> Kinds:
@@ -183,7 +189,7 @@ def reading_url(uri: str) -> str:
 def _damages(uri: str) -> Iterator[None]:
     try:
         yield
-    except _mlflows((sa.exc.SQLAlchemyError, pd.errors.DatabaseError)) as error:
+    except _mlflows(DATABASE_ERRORS) as error:
         found = damage(error, uri)
         if found is None:
             raise

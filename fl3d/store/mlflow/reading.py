@@ -55,9 +55,9 @@ def read_database(
     engine = sa.create_engine(reading_url(uri))
     try:
         with engine.connect() as connection:
-            runs = pd.read_sql(
-                sa.text(_RUNS), connection, params={"name": experiment, "k": tag[0], "v": tag[1]}
-            )
+            bound = {"name": experiment, "k": tag[0], "v": tag[1]}
+            rows = connection.execute(sa.text(_RUNS), bound).fetchall()
+            runs = pd.DataFrame(rows, columns=["run_uuid"])
             ids = runs["run_uuid"].tolist()
             if not ids:
                 return pd.DataFrame()
