@@ -37,7 +37,7 @@ class FinishedSweep:
     Args:
         settings: of the sweep.
         plan: all trials that were planned.
-        trials: those that are done, in the sweep's order.
+        trials: those that are done and of which the store holds all scores, in the sweep's order.
         scores: a row for each trial and step, see ``runs.scores``.
         source: where the scores come from: a store folder, or a file of scores.
         asked: labels of values by key, where only trials with these were asked for.

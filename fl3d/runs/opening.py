@@ -13,7 +13,7 @@ from fl3d.evaluation.protocol import Protocol
 from fl3d.runs.asked import Asked, asked_for
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import StoreFolder
-from fl3d.runs.plans import FrozenTrial, read_plan
+from fl3d.runs.plans import read_plan
 from fl3d.runs.scores import lacking, read_score_file, score_file, tidy
 from fl3d.runs.trials import FinishedTrial
 from fl3d.store.opening import open_store
@@ -60,34 +60,45 @@ def _from_store(settings: Settings) -> FinishedSweep | None:
         if layout.run(trial.key).is_done
     ]
     raw = open_store(settings.store.root, settings.store.uri).read(settings.stored_as)
-    done = [trial.plan for trial in trials]
-    scores = tidy(raw, done, settings.protocol)
+    unshown = _unshown(raw, trials, settings.protocol)
+    shown = tuple(trial for trial in trials if trial.key not in unshown)
+    scores = tidy(raw, [trial.plan for trial in shown], settings.protocol)
     if scores.empty:
         return None
-    logged = set(scores["trial"])
     return FinishedSweep(
         settings=settings,
         plan=plan,
-        trials=tuple(trial for trial in trials if trial.key in logged),
+        trials=shown,
         scores=scores,
         source=settings.store.root,
-        unshown=_unshown(raw, done, settings.protocol, logged),
+        unshown=unshown,
     )
 
 
 def _unshown(
-    raw: pd.DataFrame, done: Sequence[FrozenTrial], protocol: Protocol, logged: set[str]
+    raw: pd.DataFrame, trials: Sequence[FinishedTrial], protocol: Protocol
 ) -> dict[str, str]:
-    """Why trials that are done are not shown, by their keys."""
-    short = lacking(raw, done, protocol)
+    """Why trials that are done are not shown, by their keys.
+
+    Where the store lacks a step of one (it was down, or nobody has written it yet), a checkpoint from the middle of its
+    training would stand as its last model.
+    """
+    held: dict[str, set[int]] = {}
+    if not raw.empty:
+        own = raw[raw["protocol"] == protocol.id]
+        for key, step in zip(own["trial"], own["step"], strict=True):
+            held.setdefault(str(key), set()).add(int(step))
+    short = lacking(raw, [trial.plan for trial in trials], protocol)
     why = {}
-    for trial in done:
-        if trial.key in short:
+    for trial in trials:
+        if trial.key not in held:
+            why[trial.key] = f"scores under protocol {protocol.id} are not in the store"
+        elif not trial.steps <= held[trial.key]:
+            why[trial.key] = "scores are not all in the store, where the sweep's command logs them"
+        elif trial.key in short:
             names = short[trial.key]
             more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
             why[trial.key] = f"scores lack {', '.join(names[:NAMED])}{more}"
-        elif trial.key not in logged:
-            why[trial.key] = f"scores under protocol {protocol.id} are not in the store"
     return why
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fl3d.core.errors import StoreError
 from fl3d.runs.layout import RunFolder
 from fl3d.runs.plans import FrozenTrial
+from fl3d.runs.spec import end_of
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,13 @@ class FinishedTrial:
     def last_step(self) -> int:
         """Step of its last checkpoint."""
         return self.folder.steps()[-1]
+
+    @property
+    def steps(self) -> set[int]:
+        """Steps of all checkpoints of its stages, and the one that it has ended with, listed or not."""
+        found = {step for folder in self.folders for step in folder.steps()}
+        end = end_of(self.folder)
+        return found if end is None else found | {end}
 
     def holder(self, step: int) -> RunFolder:
         """Run folder of the stage that holds a checkpoint.

@@ -244,6 +244,19 @@ def test_a_replicate_that_is_not_done_leaves_its_pair_out_and_is_named(
     assert set(found.verdicts["verdict"]) == {Verdict.BASELINE, Verdict.NONE}
 
 
+def test_a_replicate_whose_scores_wait_for_the_store_is_named_with_the_way_out(
+    detected: FinishedSweep,
+) -> None:
+    some = without(detected, lambda trial: (trial.level, trial.seed) == ("0", 2))
+    (gone,) = {trial.key for trial in detected.trials} - {trial.key for trial in some.trials}
+    why = "scores are not all in the store"
+    assert left_out(replace(some, unshown={gone: why})) == [
+        f"VoxelNet 0: seed 2 left out, its {why}",
+        f"VoxelNet 2: seed 2 left out, its baseline's {why}",
+        f"VoxelNet 5: seed 2 left out, its baseline's {why}",
+    ]
+
+
 def test_what_was_not_asked_for_is_not_left_out(detected: FinishedSweep) -> None:
     """Of seed 0 alone, or of one level beside the baseline."""
     one = without(detected, lambda trial: trial.seed > 0)

@@ -94,12 +94,17 @@ class World:
                     )
                 write_done(folder, {"step": steps[-1]})
 
-    def log(self, trials: Sequence[FrozenTrial] = GRID, protocol: Protocol | None = None) -> None:
+    def log(
+        self,
+        trials: Sequence[FrozenTrial] = GRID,
+        protocol: Protocol | None = None,
+        until: int = 6,
+    ) -> None:
         experiment = self.store.experiment(self.settings.experiment, "")
         named = (protocol or self.settings.protocol).id
         for trial in trials:
             run = self.store.run(experiment, trial.key, named, "", {}, {})
-            for step in (2, 4, 6):
+            for step in range(2, until + 1, 2):
                 values = dict.fromkeys([*MEAN_3D, "recall_3d/0.7"], value(trial, step))
                 self.store.log(run, Scored(step, 0, {**values, "epoch": step // 2}))
 
@@ -221,6 +226,26 @@ def test_a_trial_that_is_done_and_not_in_the_store_is_not_said_to_be_open(world:
     (line,) = left_out(open_sweep(world.settings))
     assert line.startswith("VoxelNet 10: seed 0 left out, its scores under protocol ")
     assert line.endswith(" are not in the store")
+
+
+def test_a_trial_whose_last_scores_wait_for_the_store_is_left_out_and_known(world: World) -> None:
+    """What the store holds of it ends in the middle of its training: step 4 of 6, with 9 AP instead of 3."""
+    world.plan()
+    world.train()
+    world.log(GRID[1:])
+    world.log(GRID[:1], until=4)
+    sweep = open_sweep(world.settings)
+    assert [trial.key for trial in sweep.trials] == [trial.key for trial in GRID[1:]]
+    assert set(sweep.select("last")["step"]) == {6}
+    assert set(sweep.unshown) == {GRID[0].key}
+    world.log(GRID[:1])
+    assert open_sweep(world.settings).steps("last") == dict.fromkeys((t.key for t in GRID), 6)
+
+
+def test_a_trial_that_has_ended_with_a_step_that_nobody_has_logged_is_left_out(ran: World) -> None:
+    """Whether its last marker is listed or not: step 6 does not stand for one that ended with step 8."""
+    write_done(ran.layout.run(GRID[0].key), {"step": 8})
+    assert GRID[0].key not in open_sweep(ran.settings).steps("last")
 
 
 def test_trials_of_an_earlier_start_are_left_out(ran: World) -> None:
