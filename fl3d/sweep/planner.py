@@ -51,7 +51,9 @@ class Planner:
         swept: keys in which its trials differ.
         data: identity and size of the data.
         grows: whether trials are proposed while others run: then the baseline may come later.
-        looks: see ``sweepers.base.Sweeper``.
+
+    Attributes:
+        looks: numbers of seeds after which verdicts are asked for, or were, see ``setup.paid_looks``.
     """
 
     def __init__(
@@ -61,9 +63,8 @@ class Planner:
         swept: Iterable[str],
         data: DataInfo,
         grows: bool = False,
-        looks: tuple[int, ...] = (),
     ) -> None:
-        self.looks = looks
+        self.looks: tuple[int, ...] = ()
         self.grows = grows
         self.base = base
         self.settings = settings

@@ -31,6 +31,7 @@ from fl3d.sweep.setup import (
     Frozen,
     Prepared,
     left_out,
+    looks_kept,
     machine,
     refuse_several_machines,
     scoreboard,
@@ -84,8 +85,9 @@ def run_sweep(
         refuse_several_machines(store, layout)
         store.open()
         check_start(prepared, say)
-        if narrower := left_out(prepared):
-            say(narrower)
+        for remark in (left_out(prepared), looks_kept(prepared)):
+            if remark:
+                say(remark)
         frozen = Frozen(prepared)
         frozen.keep(prepared.plan)
         prepared.sweeper.open(prepared.planner.key)

@@ -17,6 +17,7 @@ from fl3d.core.records import Stage, Trial
 from fl3d.data.classes import CARS
 from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.validation import read_validation
+from fl3d.reports.rounds import listed
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.plans import PlanFile, read_plan
 from fl3d.runs.spec import Machine, read_spec
@@ -88,25 +89,52 @@ def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
     check_shared(points, sweeper.base)  # before frames are simulated
     data = prepare_data(settings.data)
     info = DataInfo(data.digest, len(data.train_ids), data.image_digest)
-    planner = Planner(
-        sweeper.base, settings, sweeper.swept, info, grows=sweeper.listens, looks=sweeper.looks
-    )
+    planner = Planner(sweeper.base, settings, sweeper.swept, info, grows=sweeper.listens)
     plan = planner.plan(points)
     if plan.trials:
         planner.baseline(plan)  # one that is no level is refused now
+    before = _looks_before(settings, plan)
+    planner.looks = paid_looks(before, sweeper.looks, [trial.seed for trial in plan.trials])
     return Prepared(
         sweeper=sweeper,
         settings=settings,
         data=data,
         planner=planner,
         plan=plan,
-        looks_before=_looks_before(settings, plan),
+        looks_before=before,
         words=tuple(words),
     )
 
 
+def paid_looks(
+    before: tuple[int, ...], own: tuple[int, ...], seeds: Sequence[int]
+) -> tuple[int, ...]:
+    """Looks that a sweep's error is spent over: its own, and those of earlier starts, which it cannot take back. Pure.
+
+    Args:
+        before: of earlier starts.
+        own: of this start; empty: it looks once, when all is trained.
+        seeds: of its trials.
+    """
+    if not before:
+        return own
+    once = (max(len(set(seeds)), before[0]),)  # with fewer seeds there was nothing to see
+    return tuple(sorted({*before, *(own or once)}))
+
+
+def looks_kept(prepared: Prepared) -> str:
+    """What to say where an earlier start added seeds until it had verdicts and this one does not; empty: none did."""
+    if not prepared.looks_before or prepared.sweeper.looks:  # a sweeper that looks says so itself
+        return ""
+    return (
+        f"An earlier start judged these trials after {listed(prepared.looks_before)} seeds. Its looks stay paid for: "
+        f"the error is spent over {listed(prepared.planner.looks)} seeds, and intervals are a little wider than those "
+        "of one look. Another sweep.name= with seeds of its own (seed=...) is judged once"
+    )
+
+
 def _looks_before(settings: Settings, plan: Plan) -> tuple[int, ...]:
-    """Looks of the plan of this name from an earlier start.
+    """Looks of the plan of this name from an earlier start that had any of these trials.
 
     Raises:
         ConfigError: that is of other classes.
@@ -122,7 +150,9 @@ def _looks_before(settings: Settings, plan: Plan) -> tuple[int, ...]:
             f"sweep.name: {settings.experiment} is there already, of classes {known[0]}; give one of classes {own} a "
             f"name of its own, such as sweep.name={settings.sweep.name}_{own[0].lower()}"
         )
-    return before.looks
+    now = {trial.key for trial in plan.trials}
+    is_other = bool(now) and not any(trial.key in now for trial in before.trials)
+    return () if is_other else before.looks
 
 
 def _is_program(trial: Trial) -> bool:

@@ -25,14 +25,14 @@ from fl3d.store.opening import open_store
 from fl3d.sweep.launchers.inline import InlineLauncher
 from fl3d.sweep.preview import preview
 from fl3d.sweep.run import Ran, run_sweep
-from fl3d.sweep.setup import prepare_sweep
+from fl3d.sweep.setup import paid_looks, prepare_sweep
 from fl3d.sweep.sweepers.base import Evidence, Point, Standing, TrialState, Work
 from fl3d.sweep.sweepers.params import check_params
 from fl3d.sweep.sweepers.rounds import rounds_of
 from fl3d.sweep.sweepers.until_decided import UntilDecided, until_decided
 from fl3d.sweep.winners import with_winners
 from tests.analysis.making import Finding
-from tests.support import small_config
+from tests.support import small_config, small_sweep
 
 PARAMS = {"detector": "fcn3d,voxelnet", "loss.gamma": "0,1,2"}
 ROUNDS = {"first": 3, "most": 6, "step": 1, "hours": None}
@@ -274,6 +274,40 @@ def test_other_looks_of_an_earlier_start_are_said() -> None:
 
 
 @pytest.mark.parametrize(
+    ("before", "own", "n_seeds", "paid"),
+    [
+        ((), (), 3, ()),  # a plain grid: one look
+        ((), (3, 4), 3, (3, 4)),
+        ((3, 4, 5), (), 3, (3, 4, 5)),  # the same words as a plain grid
+        ((3, 4, 5), (), 1, (3, 4, 5)),
+        ((3, 5), (), 4, (3, 4, 5)),  # which looks where nobody has looked
+        ((3, 4), (), 6, (3, 4, 6)),
+        ((3, 4), (3, 5), 3, (3, 4, 5)),
+    ],
+)
+def test_looks_once_taken_stay_paid_for(
+    before: tuple[int, ...], own: tuple[int, ...], n_seeds: int, paid: tuple[int, ...]
+) -> None:
+    assert paid_looks(before, own, [*range(n_seeds), 0]) == paid
+
+
+def test_a_grid_of_the_same_words_keeps_the_looks_and_says_so(
+    sweeping: Callable[..., Ran], simulated: Path, tmp_path: Path
+) -> None:
+    """Its three seeds were judged before, at the error of the first of three looks."""
+    sweeping(Finding(off))
+    said: list[str] = []
+    grid = small_sweep(simulated, tmp_path / "one", FIRST, "sweep.name=rounds")
+    run_sweep(grid, Finding(off), MemoryStore(grid.settings.store.root), said.append)
+    assert read_plan(grid.layout.plan(grid.settings.experiment)).looks == (3, 4, 5)
+    (line,) = [line for line in said if "stay paid for" in line]
+    assert line.startswith("An earlier start judged these trials after 3, 4 and 5 seeds.")
+    others = [[*point[:2], f"seed={10 + number}"] for number, point in enumerate(FIRST)]
+    fresh = small_sweep(simulated, tmp_path / "one", others, "sweep.name=rounds")
+    assert fresh.planner.looks == ()  # other trials, which nobody has looked at
+
+
+@pytest.mark.parametrize(
     ("words", "rounds", "message"),
     [
         (["seed=0,1,2"], {}, "adds the seeds itself"),
@@ -348,6 +382,13 @@ def sweeping(simulated: Path, tmp_path: Path) -> Callable[..., Ran]:
     return ran
 
 
+FIRST = [  # what the first round trains of it
+    ["detector=voxelnet", f"loss.gamma={gamma}", f"seed={seed}"]
+    for gamma in (0, 1, 2, 5)
+    for seed in range(3)
+]
+
+
 def names(ran: Ran) -> list[str]:
     return [f"{trial.level} {trial.seed}" for trial in ran.plan.trials]
 
@@ -406,6 +447,15 @@ def test_hours_count_the_work_of_earlier_starts(sweeping: Callable[..., Ran]) ->
     assert len(names(sweeping(again, hours=20.5 / 60))) == 14  # 18 are done, 21 would be too many
     assert again.launched == []
     assert len(names(sweeping(Finding(off), hours=21.5 / 60))) == 16
+
+
+def test_a_later_start_that_looks_otherwise_pays_for_both(
+    sweeping: Callable[..., Ran], simulated: Path, tmp_path: Path
+) -> None:
+    sweeping(Finding(off), most=4)
+    sweeping(Finding(off), most=6, step=3)
+    grid = small_sweep(simulated, tmp_path / "one", FIRST, "sweep.name=rounds")
+    assert read_plan(grid.layout.plan(grid.settings.experiment)).looks == (3, 4, 6)
 
 
 def test_a_larger_most_goes_on(sweeping: Callable[..., Ran]) -> None:

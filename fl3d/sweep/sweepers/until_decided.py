@@ -51,8 +51,7 @@ class UntilDecided(Sweeper):
     start goes through the same rounds, finds them trained, and goes on where the one before ended.
 
     - **Error**: it is spent over the looks, so that at most 5 % of sweeps without any true gain end in a false verdict
-      (``benchmarks/verdicts.py``). The looks are the rounds up to ``most``; another ``first``, ``most`` or ``step``
-      spends otherwise. A later start with a larger ``most`` goes on, and says that the looks before are not paid for.
+      (``benchmarks/verdicts.py``). The looks are the rounds up to ``most``, and those of earlier starts. A later start with a larger ``most`` goes on, and says that the looks before took more than their share.
     - **Failures**: a replicate that failed leaves its pair out. A level without any pair is given up, since another
       seed would most probably fail too; a later start tries again.
     - **Frames too few**: a level is given up before ``most`` where seeds surely cannot decide, see
@@ -110,8 +109,8 @@ class UntilDecided(Sweeper):
         if before and before != self.looks:
             evidence.say(
                 f"An earlier start judged this sweep after {listed(before)} seeds; this one does after "
-                f"{listed(self.looks)}. The error is spent over the looks of now, and what the earlier ones may have "
-                "got wrong comes on top: a false verdict is somewhat likelier than 5 %."
+                f"{listed(self.looks)}. The error is spent over all of these; where some are new, the earlier ones had "
+                "a larger share of it, and a false verdict is somewhat likelier than 5 %."
             )
 
     def advise(self, standings: Mapping[str, Standing], slots: int) -> Advice:
