@@ -154,6 +154,44 @@ def refuse_twins(trials: Iterable[Trial]) -> None:
             )
 
 
+def refuse_lone_level(factor: Sequence[str], trials: Iterable[Trial]) -> None:
+    """Refuse a factor that a user named and that has one value, where the trials differ in other keys.
+
+    Raises:
+        ConfigError: naming these keys.
+    """
+    every = list(trials)
+    levels = {trial.level for trial in every}
+    if not factor or len(levels) > 1 or len({trial.group for trial in every}) < 2:
+        return
+    keys = dict.fromkeys(key for trial in every for key in trial.values if key != SEED)
+    told = {key: {label_of(trial.values.get(key)) for trial in every} for key in keys}
+    swept = [key for key, values in told.items() if len(values) > 1]
+    raise ConfigError(
+        f"sweep.factor: {', '.join(factor)} has one level here ({', '.join(levels)}), so that nothing is compared. "
+        f"Swept: {', '.join(swept) or 'other keys'}. Name one of them, leave sweep.factor out, or give "
+        f"{factor[0]} several values"
+    )
+
+
+def refuse_other_design(asked: SweepSettings, factor: Sequence[str], name: str) -> None:
+    """Refuse a factor that a sweep was not run with.
+
+    Args:
+        asked: as the words say now.
+        factor: keys that the sweep compares.
+        name: of the sweep.
+
+    Raises:
+        ConfigError: saying what it compares.
+    """
+    if asked.factor and set(asked.factor) != set(factor):
+        raise ConfigError(
+            f"sweep.factor: {name} was run to compare {', '.join(factor) or 'nothing'}, not {', '.join(asked.factor)}; "
+            "leave the word out, or run the sweep with it under a sweep.name of its own"
+        )
+
+
 def detector_levels(
     factor: Sequence[str], trials: Iterable[tuple[Mapping[str, Any], str]]
 ) -> dict[str, str]:

@@ -11,6 +11,7 @@ from fl3d.config.settings import Settings
 from fl3d.core.errors import StoreError
 from fl3d.evaluation.protocol import Protocol
 from fl3d.runs.asked import Asked, asked_for
+from fl3d.runs.design import refuse_other_design
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.plans import read_plan
@@ -33,10 +34,12 @@ def open_sweep(
 
     Raises:
         StoreError: no trial of it is done, or none is asked for.
+        ConfigError: it compares another factor than ``sweep.factor``.
     """
     found = _from_store(settings)
     if found is None:
         found = open_scores(settings, published)
+    refuse_other_design(settings.sweep, found.factor, settings.experiment)
     return asked_for(found, asked or {})
 
 

@@ -19,6 +19,7 @@ from fl3d.runs.design import (
     baseline_level,
     detector_levels,
     make_design,
+    refuse_lone_level,
     refuse_twins,
 )
 from fl3d.runs.plans import FrozenPlan, FrozenTrial, freeze
@@ -129,6 +130,16 @@ class Planner:
             earlier=tuple(set(earlier) - set(plan.stages)),
             looks=self.looks,
         )
+
+    def check(self, plan: Plan) -> str:
+        """Refuse a first plan that does not compare what was asked for; the level that the others are held against.
+
+        Raises:
+            ConfigError: ``sweep.factor`` does not vary though other keys do, or ``sweep.baseline`` is no level of it.
+        """
+        if not self.grows:
+            refuse_lone_level(self.settings.sweep.factor, plan.trials)
+        return self.baseline(plan)
 
     def baseline(self, plan: Plan) -> str:
         """The level that the others are held against.

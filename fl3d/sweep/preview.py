@@ -49,7 +49,7 @@ def preview(
     swept = sweeper.swept if points else ()  # a study's one trial has no values of its own
     planner = Planner(sweeper.base, settings, swept, data.info)
     plan = planner.plan(points or [Point((), {}, sweeper.base)])
-    baseline = planner.frozen(plan).baseline  # refuses one that is none of the levels
+    baseline = planner.check(plan)
     forecast = Forecast(
         plan,
         StoreFolder(settings.store.root),

@@ -92,7 +92,7 @@ def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
     planner = Planner(sweeper.base, settings, sweeper.swept, info, grows=sweeper.listens)
     plan = planner.plan(points)
     if plan.trials:
-        planner.baseline(plan)  # one that is no level is refused now
+        planner.check(plan)
     before = _looks_before(settings, plan)
     planner.looks = paid_looks(before, sweeper.looks, [trial.seed for trial in plan.trials])
     return Prepared(

@@ -1,5 +1,6 @@
 """What a sweep compares: factor, levels, groups and baseline, from what is swept."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from fl3d.runs.design import (
     label_of,
     level_text,
     make_design,
+    refuse_lone_level,
     refuse_twins,
     short_names,
 )
@@ -268,6 +270,21 @@ def test_trials_that_the_design_does_not_tell_apart_are_refused_with_what_they_d
         "VoxelNet 0 seed 0: they differ in loss.alpha. Name these keys in sweep.factor "
         "(they are compared) or in sweep.groups (a table each)"
     )
+
+
+def test_a_factor_of_one_level_where_other_keys_vary_is_refused_with_these_keys() -> None:
+    """Two groups of one level each have nothing to be held against."""
+    two = [
+        trial(str(number), loss_gamma=gamma, seed=seed)
+        for number, (gamma, seed) in enumerate([(0, 0), (0, 1), (2, 0), (2, 1)])
+    ]
+    split = [replace(one, group=f"gamma={one.values['loss.gamma']}", level="1") for one in two]
+    message = r"^sweep\.factor: loss\.alpha has one level here \(1\).*Swept: loss\.gamma\. Name one"
+    with pytest.raises(ConfigError, match=message):
+        refuse_lone_level(["loss.alpha"], split)
+    refuse_lone_level([], split)  # nobody asked for a factor
+    refuse_lone_level(["loss.alpha"], split[:2])  # replicates alone
+    refuse_lone_level(["loss.alpha"], [*split, replace(split[0], level="2")])
 
 
 def test_a_key_that_one_twin_alone_sets_is_named_too() -> None:

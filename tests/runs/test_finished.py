@@ -540,6 +540,16 @@ def test_a_baseline_asked_for_now_is_held_to_and_must_be_a_level(ran: World) -> 
         asking(7)
 
 
+@pytest.mark.parametrize("factor", ["loss.alpha", "loss.nosuch", "[loss.gamma,loss.alpha]"])
+def test_another_factor_than_the_sweep_was_run_with_is_refused(ran: World, factor: str) -> None:
+    """It would be answered with the verdicts of the factor that it has."""
+    asking = settings_of(ran.root, f"sweep.factor={factor}")
+    message = r"^sweep\.factor: test-simulated-tiny was run to compare loss\.gamma, not loss\."
+    with pytest.raises(ConfigError, match=message):
+        open_sweep(asking)
+    assert len(open_sweep(settings_of(ran.root, "sweep.factor=loss.gamma")).trials) == 6
+
+
 def test_a_sweep_that_has_begun_and_has_nothing_done_says_so(ran: World) -> None:
     for trial in GRID:
         StoreFolder(ran.settings.store.root).run(trial.key).done.unlink()

@@ -85,6 +85,15 @@ def test_a_baseline_that_is_no_level_is_refused_before_anything_runs(tmp_path: P
         shown("loss.gamma=0,2", "sweep.baseline=7", *places)
 
 
+def test_a_factor_that_does_not_vary_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    words = ["detector=voxelnet", "loss.gamma=0,2", "seed=0,1,2", "sweep.factor=loss.alpha"]
+    message = r"^sweep\.factor: loss\.alpha has one level here \(1\).* Swept: loss\.gamma\. Name"
+    with pytest.raises(ConfigError, match=message):
+        shown(*words, *places(tmp_path))
+    assert list(tmp_path.iterdir()) == []
+    shown(*words[:1], *words[2:], *places(tmp_path))  # replicates of one level: nothing else varies
+
+
 def places(root: Path) -> list[str]:
     return [f"store.root={root / 'runs'}", f"results={root / 'results'}"]
 

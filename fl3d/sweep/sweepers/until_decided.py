@@ -51,7 +51,8 @@ class UntilDecided(Sweeper):
     start goes through the same rounds, finds them trained, and goes on where the one before ended.
 
     - **Error**: it is spent over the looks, so that at most 5 % of sweeps without any true gain end in a false verdict
-      (``benchmarks/verdicts.py``). The looks are the rounds up to ``most``, and those of earlier starts. A later start with a larger ``most`` goes on, and says that the looks before took more than their share.
+      (``benchmarks/verdicts.py``). The looks are the rounds up to ``most``, and those of earlier starts. A later start
+      with a larger ``most`` goes on, and says that the looks before took more than their share.
     - **Failures**: a replicate that failed leaves its pair out. A level without any pair is given up, since another
       seed would most probably fail too; a later start tries again.
     - **Frames too few**: a level is given up before ``most`` where seeds surely cannot decide, see
