@@ -73,21 +73,33 @@ def judge_sweep(
     """
     made = contributions or Contributions(sweep, n_resamples)
     samples = made.samples(rule)
-    asked, primary = sweep.settings.sweep, samples
+    whole, every = sweep, samples
+    if sweep.family is not None:  # its levels are judged together, whichever are shown
+        whole, every = sweep.family, Contributions(sweep.family, made.n_resamples).samples(rule)
+    asked, primary = sweep.settings.sweep, every
     if asked.class_name is not None and sweep.primary_classes != sweep.classes:
-        primary = Contributions(sweep.of_class(asked.class_name), n_resamples).samples(rule)
-    found = verdicts(primary, sweep.baseline, asked, sweep.plan.looks)
+        primary = Contributions(whole.of_class(asked.class_name), n_resamples).samples(rule)
+    found = _shown(verdicts(primary, sweep.baseline, asked, sweep.plan.looks), sweep)
     if sweep.class_name is not None and not found.empty:
         found = found.assign(metric=of_class(asked.primary, sweep.class_name))
     return Judged(
         samples=samples,
-        gains=gains(samples, sweep.baseline),
+        gains=_shown(gains(every, sweep.baseline), sweep),
         verdicts=_with_minutes(found, sweep),
         units=made.units,
         margin=asked.margin,
         left_out=tuple(left_out(sweep)),
         baseline=sweep.baseline,
     )
+
+
+def _shown(found: pd.DataFrame, sweep: FinishedSweep) -> pd.DataFrame:
+    """Rows of the groups and levels of a sweep's trials; all where it has no other levels."""
+    if sweep.family is None or found.empty:
+        return found
+    places = {(trial.group, trial.level) for trial in sweep.trials}
+    kept = [place in places for place in zip(found["group"], found["level"], strict=True)]
+    return found[kept].reset_index(drop=True)
 
 
 def sweep_verdicts(
@@ -107,15 +119,15 @@ def sweep_verdicts(
     found: dict[str, dict[str, dict[int, tuple[float, Float]]]] = {}
     units = units_of(sweep).of_frames
     known = drawn or {}
-    for group in sweep.groups:
-        found[group] = {level: {} for level in sweep.levels}
-    for trial in sweep.trials:
+    whole = sweep.family or sweep
+    for group in whole.groups:
+        found[group] = {level: {} for level in whole.levels}
+    for trial in whole.trials:
         own = known.get(trial.key) or draw_trial(sweep, trial, units, n_resamples)
         found[trial.group][trial.level][trial.seed] = own
     pairs = {group: _pair_levels(levels, sweep.baseline) for group, levels in found.items()}
-    return _with_minutes(
-        judge(pairs, sweep.baseline, sweep.settings.sweep, sweep.plan.looks), sweep
-    )
+    judged = judge(pairs, sweep.baseline, sweep.settings.sweep, sweep.plan.looks)
+    return _with_minutes(_shown(judged, sweep), sweep)
 
 
 def draw_trial(

@@ -14,13 +14,15 @@ from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import BY_HAND, Settings, read_settings
 from fl3d.core.errors import StoreError
 from fl3d.papers.stored import place_words, stored_sweeps
-from fl3d.runs.asked import Asked, asked_for
+from fl3d.runs.asked import Asked, apart, asked_for
 from fl3d.runs.by_hand import find_by_hand, has_by_hand, names_by_hand
 from fl3d.runs.by_hand_names import told
-from fl3d.runs.design import SEED
+from fl3d.runs.design import SEED, label_of
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.opening import is_stored, open_sweep
 from fl3d.sweep.by_hand import named
+
+JUDGED = {"sweep.primary": "primary", "sweep.margin": "margin"}  # keys that verdicts are by
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,28 @@ def open_words(words: Words, row: Sequence[str] = ()) -> FinishedSweep:
         except StoreError:
             if not is_stored(settings, PUBLISHED):
                 raise
-    return open_sweep(settings, words.asked, PUBLISHED)
+    sweep = open_sweep(settings, words.asked, PUBLISHED)
+    return apart(sweep, _otherwise(words, sweep))
+
+
+def _otherwise(words: Words, sweep: FinishedSweep) -> list[str]:
+    """Words that judge a sweep otherwise than it was judged when it was run: by another metric, or another margin."""
+    arguments = words.multirun.arguments
+    started = values_by_key([one for one in sweep.plan.words if _key(one) in JUDGED])
+    plain = [one for one in arguments if _key(one) not in JUDGED]
+    default = sweep.settings.sweep
+    if len(plain) < len(arguments):
+        default = read_settings(multirun(plain).base).sweep
+    found = []
+    for key, name in JUDGED.items():
+        now = getattr(sweep.settings.sweep, name)
+        if now != started.get(key, [getattr(default, name)])[0]:
+            found.append(f"{name}={label_of(now)}")
+    return found
+
+
+def _key(word: str) -> str:
+    return word.partition("=")[0].lstrip("+")
 
 
 def _typed(words: Words, row: Sequence[str]) -> list[str]:

@@ -65,9 +65,11 @@ def attach(sweep: FinishedSweep, page: Path) -> None:
     from fl3d.store.opening import open_store
 
     store = open_store(sweep.settings.store.root, sweep.settings.store.uri)
-    runs = store.without(sweep.runs(store).values(), page, "results")
+    part = sweep.settings.part
+    folder = f"results/{part}" if part else "results"
+    runs = store.without(sweep.runs(store).values(), page, folder)
     if not runs:
         return
     store.open()
     for run in runs:
-        store.log_files(run, [page], "results")
+        store.log_files(run, [page], folder)

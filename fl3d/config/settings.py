@@ -142,6 +142,8 @@ class Settings:
         device: torch's name of it.
         workers: loader processes of each stage; None: by the device.
         save_every_steps: steps between resume points within an epoch; None: none.
+        part: of the sweep, or another question than it was run with, that was asked for: its results lie apart;
+            empty: all of it, as it was run.
     """
 
     sweep: SweepSettings
@@ -154,6 +156,7 @@ class Settings:
     device: str
     workers: int | None
     save_every_steps: int | None
+    part: str = ""
 
     @property
     def experiment(self) -> str:
@@ -173,8 +176,9 @@ class Settings:
 
     @property
     def results_folder(self) -> Path:
-        """``<results>/<data>-<profile>``."""
-        return self.results / self.folder_name
+        """``<results>/<data>-<profile>``; of a part the folder ``asked/<part>`` in it."""
+        whole = self.results / self.folder_name
+        return whole / "asked" / self.part if self.part else whole
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,6 +43,8 @@ class FinishedSweep:
         asked: labels of values by key, where only trials with these were asked for.
         class_name: of its several classes the one that is looked at, see ``of_class``; None: the one class, or the
             mean over all.
+        family: the same with all levels, where only some were asked for: what is said of these holds for all at once;
+            None: all were.
         unshown: why trials that are done are not among these, by their keys: ``scores lack ap_3d/easy``.
     """
 
@@ -53,6 +55,7 @@ class FinishedSweep:
     source: Path
     asked: Mapping[str, frozenset[str]] = field(default_factory=dict)
     class_name: str | None = None
+    family: FinishedSweep | None = None
     unshown: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -85,6 +88,7 @@ class FinishedSweep:
             settings=replace(self.settings, sweep=replace(asked, primary=plain)),
             scores=scores_of_class(self.scores, name),
             class_name=name,
+            family=None if self.family is None else self.family.of_class(name),
         )
 
     @property
@@ -209,8 +213,8 @@ class FinishedSweep:
         return input_digest(self.kitti(), self.validation.ids)
 
     def drawn_as(self, name: str) -> Path | None:
-        """Where a figure of it is kept as it was drawn, see ``runs.drawn``; None where only its scores are here."""
-        if not self.is_from_store:
+        """Where a figure of it is kept as it was drawn, see ``runs.drawn``; None of a part, or of scores alone."""
+        if not self.is_from_store or self.settings.part:
             return None
         return StoreFolder(self.settings.store.root).drawn(self.settings.experiment, name)
 

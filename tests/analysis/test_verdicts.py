@@ -15,9 +15,11 @@ from fl3d.analysis.samples import CELLS, Resampled
 from fl3d.analysis.verdicts import verdicts
 from fl3d.config.settings import SweepSettings
 from fl3d.core.errors import ConfigError, StoreError
+from fl3d.core.records import Trial
 from fl3d.evaluation.intervals import member_alpha
 from fl3d.evaluation.verdicts import Verdict
 from fl3d.reports.verdicts import verdict_text
+from fl3d.runs.asked import asked_for
 from fl3d.runs.finished import FinishedSweep
 from tests.analysis.making import detected_sweep, without
 from tests.papers.making import Made, aps, finished_sweep
@@ -222,6 +224,29 @@ def test_verdicts_alone_are_those_of_the_whole(detected: FinishedSweep) -> None:
     alone = sweep_verdicts(detected, n_resamples=50)
     whole = judge_sweep(detected, n_resamples=50).verdicts
     pd.testing.assert_frame_equal(alone, whole)
+
+
+def test_a_level_that_is_asked_for_alone_is_judged_as_one_of_all(
+    simulated: Path, tmp_path: Path
+) -> None:
+    """Two levels are compared: words that pick one afterwards make it no family of one, whose t would be smaller."""
+
+    def off(trial: Trial) -> float:
+        return 30.0 if (trial.level, trial.seed) == ("2", 0) else 0.0
+
+    swept = detected_sweep(simulated, tmp_path, POINTS, off, "detector=voxelnet")
+    whole = judge_sweep(swept, n_resamples=50)
+    alone = asked_for(swept, {"loss.gamma": [2]})
+    assert alone.levels == ["0", "2"]
+    found = judge_sweep(alone, n_resamples=50)
+    for one, other in ((found.verdicts, whole.verdicts), (found.gains, whole.gains)):
+        own = other[other["level"].isin(["0", "2"])].reset_index(drop=True)
+        pd.testing.assert_frame_equal(one, own)
+    pd.testing.assert_frame_equal(sweep_verdicts(alone, n_resamples=50), found.verdicts)
+    assert set(found.samples["VoxelNet"]) == {"0", "2"}
+    lone = judge_sweep(replace(alone, family=None), n_resamples=50).verdicts.iloc[1]
+    # Over two gains of 0 and one of -g: of one level t(97.5 %) = 4.30 standard errors, of two t(98.73 %) = 6.16.
+    assert found.verdicts.iloc[1]["gain_low"] < lone["gain_low"] - 1
 
 
 def test_a_replicate_that_is_not_done_leaves_its_pair_out_and_is_named(

@@ -1,13 +1,18 @@
 """Commands over a sweep of a text factor: two detectors, two losses, two seeds; no paper's."""
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+from fl3d.api.words import open_words, read_words
 from fl3d.commands import gains, rescore, tables
 from fl3d.core.errors import ConfigError, StoreError
 from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.layout import StoreFolder
+from fl3d.runs.plans import read_plan, write_plan
 from tests.analysis.making import detected_sweep, without
 from tests.papers.making import store_scores
 from tests.support import SMALL
@@ -98,6 +103,49 @@ def test_gains_of_some_trials_alone_are_asked_for_by_their_values(
         StoreError, match=r"seed=7: .* has no finished trial with it\. Possible: 0, 1"
     ):
         gains.run([*some, "seed=7"])
+
+
+@pytest.mark.parametrize(
+    ("word", "part"),
+    [
+        ("loss=enhanced", ""),  # with its baseline that is all there is
+        ("seed=0", "mine_seed=0"),
+        ("detector=voxelnet", "mine_detector=voxelnet"),
+        ("sweep.primary=bev_r40/easy", "mine_primary=bev_r40-easy"),
+        ("sweep.margin=2", "mine_margin=2"),
+        ("sweep.margin=1", ""),  # as it is anyhow
+        ("sweep.primary=3d_r40/moderate", ""),
+    ],
+)
+def test_gains_of_a_part_leave_the_files_of_the_whole_as_they_are(
+    stored: FinishedSweep, words: list[str], word: str, part: str
+) -> None:
+    gains.run(words)
+    folder = stored.settings.results_folder
+    files = [path for path in folder.rglob("*_mine*.*") if "asked" not in path.parts]
+    assert len(files) > 5
+    before = {path: path.read_bytes() for path in files if path.suffix == ".csv"}
+    shutil.rmtree(folder / "asked", ignore_errors=True)
+    gains.run([*(one for one in words if one not in SWEPT), word])
+    assert {path: path.read_bytes() for path in before} == before
+    parts = [path.name for path in (folder / "asked").glob("*")]
+    assert parts == ([part] if part else [])
+    if part:
+        assert (folder / "asked" / part / "tables" / "verdicts_mine_paper.csv").exists()
+
+
+def test_a_sweep_that_was_run_with_another_metric_is_whole_with_it_and_a_part_without(
+    stored: FinishedSweep, words: list[str]
+) -> None:
+    plan = StoreFolder(stored.settings.store.root).plan(stored.settings.experiment)
+    kept = plan.read_bytes()
+    word = "sweep.primary=bev_r40/easy"
+    write_plan(plan, replace(read_plan(plan), words=(*words, word)))
+    try:
+        assert open_words(read_words([*words, word])).settings.part == ""
+        assert open_words(read_words(words)).settings.part == "mine_primary=3d_r40-moderate"
+    finally:
+        plan.write_bytes(kept)
 
 
 def test_gains_of_another_metric_are_told_beside_the_verdicts(

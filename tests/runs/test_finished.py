@@ -17,6 +17,7 @@ from fl3d.data.kitti import KittiFolder
 from fl3d.evaluation.detections import Detections, write_detections
 from fl3d.evaluation.protocol import Protocol
 from fl3d.evaluation.selection import BEST_OF_LAST_STAGE, MEAN_3D
+from fl3d.runs.asked import apart
 from fl3d.runs.checkpoints import write_marker
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.opening import is_stored, open_sweep
@@ -479,6 +480,49 @@ def test_values_that_are_asked_for_pick_trials(
     assert [trial.key for trial in sweep.trials] == keys
     assert set(sweep.scores["trial"]) == set(keys)
     assert list(sweep.scores.index) == list(range(3 * len(keys)))
+
+
+@pytest.mark.parametrize(
+    ("asked", "part"),
+    [
+        ({}, ""),
+        ({"loss.gamma": [0, 2, 10], "seed": [1, 0]}, ""),  # all of it
+        ({"device": ["cuda"]}, ""),  # nothing that its trials differ in
+        ({"seed": [1]}, "asked/test_seed=1"),
+        ({"seed": [0], "loss.gamma": [10]}, "asked/test_gamma=10_seed=0"),
+        ({"seed": [1, 0], "loss.gamma": [10]}, "asked/test_gamma=10"),
+        ({"loss.gamma": [2.0]}, "asked/test_gamma=2"),
+    ],
+)
+def test_results_of_a_part_lie_apart_from_those_of_the_whole(
+    ran: World, asked: dict[str, list[object]], part: str
+) -> None:
+    sweep = open_sweep(ran.settings, asked)
+    assert sweep.settings.results_folder == ran.settings.results_folder / part
+    assert (sweep.drawn_as("forest") is None) == bool(part)
+    other = replace(ran.settings, sweep=replace(ran.settings.sweep, baseline=2))
+    folder = open_sweep(other, asked).settings.results_folder
+    assert folder.name == f"{Path(part).name or 'test'}_baseline=2"
+
+
+def test_a_part_of_many_values_has_a_name_that_a_folder_can_have(ran: World) -> None:
+    names = set()
+    for end in "ab":
+        part = apart(open_sweep(ran.settings), ["level=" + "a b/" * 100 + end]).settings.part
+        assert len(part) < 140
+        assert "/" not in part
+        names.add(part)
+    assert len(names) == 2
+
+
+def test_levels_that_are_picked_keep_those_that_they_are_judged_with(ran: World) -> None:
+    """A seed that is picked is another matter: it leaves out that of all levels."""
+    sweep = open_sweep(ran.settings, {"loss.gamma": [2.0], "seed": [1]})
+    assert sweep.levels == ["0", "2"]
+    assert sweep.family is not None
+    assert sweep.family.levels == ["0", "2", "10"]
+    assert {trial.seed for trial in sweep.family.trials} == {1}
+    assert open_sweep(ran.settings, {"seed": [1]}).family is None
 
 
 @pytest.mark.parametrize(
