@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -79,7 +80,8 @@ def judge_sweep(
     asked, primary = sweep.settings.sweep, every
     if asked.class_name is not None and sweep.primary_classes != sweep.classes:
         primary = Contributions(whole.of_class(asked.class_name), n_resamples).samples(rule)
-    found = _shown(verdicts(primary, sweep.baseline, asked, sweep.plan.looks), sweep)
+    found = verdicts(primary, sweep.baseline, asked, sweep.plan.looks, _planned(sweep))
+    found = _shown(found, sweep)
     if sweep.class_name is not None and not found.empty:
         found = found.assign(metric=of_class(asked.primary, sweep.class_name))
     return Judged(
@@ -91,6 +93,12 @@ def judge_sweep(
         left_out=tuple(left_out(sweep)),
         baseline=sweep.baseline,
     )
+
+
+def _planned(sweep: FinishedSweep) -> dict[str, int]:
+    """How many levels were planned of each group, beside the baseline."""
+    places = {(trial.group, trial.level) for trial in sweep.plan.trials}
+    return dict(Counter(group for group, level in places if level != sweep.baseline))
 
 
 def _shown(found: pd.DataFrame, sweep: FinishedSweep) -> pd.DataFrame:
@@ -126,7 +134,8 @@ def sweep_verdicts(
         own = known.get(trial.key) or draw_trial(sweep, trial, units, n_resamples)
         found[trial.group][trial.level][trial.seed] = own
     pairs = {group: _pair_levels(levels, sweep.baseline) for group, levels in found.items()}
-    judged = judge(pairs, sweep.baseline, sweep.settings.sweep, sweep.plan.looks)
+    asked, looks = sweep.settings.sweep, sweep.plan.looks
+    judged = judge(pairs, sweep.baseline, asked, looks, _planned(sweep))
     return _with_minutes(_shown(judged, sweep), sweep)
 
 

@@ -23,10 +23,15 @@ from fl3d.evaluation.intervals import (
 from fl3d.evaluation.verdicts import MOST, Known, Verdict, is_hopeless, seeds_needed, verdict_of
 
 Pairs = Mapping[str, tuple[Sample, Sample]]  # AP and gain by level
+Planned = Mapping[str, int]  # numbers of levels by group
 
 
 def verdicts(
-    samples: Samples, baseline: str, asked: SweepSettings, looks: tuple[int, ...] = ()
+    samples: Samples,
+    baseline: str,
+    asked: SweepSettings,
+    looks: tuple[int, ...] = (),
+    planned: Planned | None = None,
 ) -> pd.DataFrame:
     """A verdict on every level, by the primary metric, see ``judge``.
 
@@ -35,6 +40,7 @@ def verdicts(
         baseline: level that the others are held against.
         asked: primary metric and margin.
         looks: see ``judge``.
+        planned: likewise.
     """
     cell, average = primary_place(asked)
     pairs: dict[str, Pairs] = {}
@@ -44,7 +50,7 @@ def verdicts(
         pairs[group] = {
             level: paired(by_seed, base, cell, average) for level, by_seed in own.items()
         }
-    return judge(pairs, baseline, asked, looks)
+    return judge(pairs, baseline, asked, looks, planned)
 
 
 def judge(
@@ -52,6 +58,7 @@ def judge(
     baseline: str,
     asked: SweepSettings,
     looks: tuple[int, ...] = (),
+    planned: Planned | None = None,
 ) -> pd.DataFrame:
     """A verdict on every level.
 
@@ -60,6 +67,8 @@ def judge(
         baseline: level that the others are held against.
         asked: primary metric and margin.
         looks: numbers of seeds after which verdicts were asked for, see ``evaluation.intervals.member_alpha``.
+        planned: how many levels each group is to have beside the baseline: those that are not there yet keep their
+            share of the error, for they are looked at later; None: no more than there are.
 
     Returns:
         a row for each group with the baseline and each of its levels: ``seeds``, ``ap`` and ``gain`` with ``_low`` and
@@ -69,9 +78,15 @@ def judge(
     """
     rows = []
     for group, levels in pairs.items():
-        for level, row in judge_group(levels, baseline, asked.margin, looks).items():
+        error = _error(sum(level != baseline for level in levels), (planned or {}).get(group, 0))
+        for level, row in judge_group(levels, baseline, asked.margin, looks, error).items():
             rows.append({"group": group, "level": level, "metric": asked.primary, **row})
     return pd.DataFrame(rows)
+
+
+def _error(n_levels: int, n_planned: int) -> float:
+    """Error of a group's levels together, of which others are to come (Šidák)."""
+    return ALPHA if n_planned <= n_levels else 1 - (1 - ALPHA) ** (n_levels / n_planned)
 
 
 def primary_place(asked: SweepSettings) -> tuple[int, int]:
@@ -85,10 +100,11 @@ def judge_group(
     baseline: str,
     margin: float,
     looks: tuple[int, ...] = (),
+    error: float = ALPHA,
 ) -> dict[str, dict[str, object]]:
-    """Rows of the levels of one group, see ``judge``, by level."""
+    """Rows of the levels of one group, see ``judge``, by level; ``error``: that any of their gains misses."""
     family = {level: gain for level, (_, gain) in pairs.items() if level != baseline}
-    found = dict(zip(family, joint_intervals(list(family.values()), ALPHA, looks), strict=True))
+    found = dict(zip(family, joint_intervals(list(family.values()), error, looks), strict=True))
     rows: dict[str, dict[str, object]] = {}
     for level, (ap, gain) in pairs.items():
         row: dict[str, object] = {
@@ -108,7 +124,7 @@ def judge_group(
         is_empty = not ap.values.any() and not gain.values.any()
         word = Verdict.NONE if is_empty else verdict_of(one, len(gain.values), margin)
         row |= {**interval_columns("gain", one), "spread": gain.spread, "verdict": word}
-        rows[level] = row | _outlook(gain, family, margin, word, looks)
+        rows[level] = row | _outlook(gain, family, margin, word, looks, error)
     return rows
 
 
@@ -118,6 +134,7 @@ def _outlook(
     margin: float,
     word: Verdict,
     looks: tuple[int, ...],
+    error: float,
 ) -> dict[str, object]:
     """How many more seeds would probably decide, and whether they may: ``more_seeds`` and ``open``."""
     n_seeds = len(gain.values)
@@ -126,7 +143,7 @@ def _outlook(
     draws = np.stack([one.draws for one in family.values()], axis=1)
     value = float(gain.values.mean())
     alone = Sample(gain.values.mean(keepdims=True), gain.draws)
-    frames = interval(alone, ALPHA, frames_alpha(draws, ALPHA), frames_reach(draws, ALPHA))
+    frames = interval(alone, error, frames_alpha(draws, error), frames_reach(draws, error))
     known = Known(
         gain=value,
         spread=gain.spread,
@@ -136,7 +153,7 @@ def _outlook(
         lasting=gain.lasting,
     )
     most = looks[-1] if looks else MOST
-    alpha = member_alpha(len(family), most, looks)
+    alpha = member_alpha(len(family), most, looks, error)
     needed = seeds_needed(known, margin, alpha, n_seeds + 1)
     more = float("nan") if needed is None else float(needed - n_seeds)
     return {"more_seeds": more, "open": not is_hopeless(known, margin, most)}

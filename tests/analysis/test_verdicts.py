@@ -120,6 +120,17 @@ def test_intervals_of_a_group_hold_all_at_once() -> None:
     assert six["ap_low"] == alone["ap_low"]  # an AP stands for itself
 
 
+def test_levels_that_are_planned_and_not_there_keep_their_share_of_the_error() -> None:
+    """One of two: t at 1 - sqrt(0.95) = 2.53 %, over three gains 6.164 standard errors instead of 4.303.
+
+    Gains 9, 10 and 11 have a standard error of 1 / sqrt(3) = 0.577; the draws add 0.1 at most.
+    """
+    levels = {"VoxelNet": {"0": base_of(3), "2": level_of([9.0, 10.0, 11.0])}}
+    for planned, reach in ((None, 2.484), ({"VoxelNet": 1}, 2.484), ({"VoxelNet": 2}, 3.559)):
+        row = verdicts(levels, "0", asked(), planned=planned).set_index("level").loc["2"]
+        assert 10 - row["gain_low"] == pytest.approx(reach, abs=0.01)
+
+
 def test_groups_are_families_of_their_own() -> None:
     gains = [1.4, 2.0, 2.6]
     levels = {"0": base_of(3), "1": level_of(gains)}
@@ -244,7 +255,8 @@ def test_a_level_that_is_asked_for_alone_is_judged_as_one_of_all(
         pd.testing.assert_frame_equal(one, own)
     pd.testing.assert_frame_equal(sweep_verdicts(alone, n_resamples=50), found.verdicts)
     assert set(found.samples["VoxelNet"]) == {"0", "2"}
-    lone = judge_sweep(replace(alone, family=None), n_resamples=50).verdicts.iloc[1]
+    plan = replace(alone.plan, trials=tuple(trial.plan for trial in alone.trials))
+    lone = judge_sweep(replace(alone, family=None, plan=plan), n_resamples=50).verdicts.iloc[1]
     # Over two gains of 0 and one of -g: of one level t(97.5 %) = 4.30 standard errors, of two t(98.73 %) = 6.16.
     assert found.verdicts.iloc[1]["gain_low"] < lone["gain_low"] - 1
 
