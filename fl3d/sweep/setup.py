@@ -22,6 +22,7 @@ from fl3d.runs.layout import StoreFolder
 from fl3d.runs.plans import PlanFile, read_plan
 from fl3d.runs.spec import Machine, read_spec
 from fl3d.store.base import Store
+from fl3d.sweep.expected import expect_data
 from fl3d.sweep.identity import reading
 from fl3d.sweep.notes import note
 from fl3d.sweep.pictures import draw_frame_with_most_objects
@@ -31,7 +32,7 @@ from fl3d.sweep.planner import Planner, check_shared
 from fl3d.sweep.prepare import PreparedData, prepare_data
 from fl3d.sweep.recorder import Subject
 from fl3d.sweep.scoreboard import Scoreboard
-from fl3d.sweep.sweepers.base import Sweeper
+from fl3d.sweep.sweepers.base import Point, Sweeper
 from fl3d.training.command import is_command
 
 NAMED = 3  # trials, of those that an earlier start had
@@ -87,12 +88,11 @@ def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
     check_places(settings)
     points = sweeper.first()
     check_shared(points, sweeper.base)  # before frames are simulated
+    if points and settings.sweep.factor:  # a slip there costs no simulation of frames
+        _first_plan(sweeper, settings, expect_data(settings.data).info, points)
     data = prepare_data(settings.data)
     info = DataInfo(data.digest, len(data.train_ids), data.image_digest)
-    planner = Planner(sweeper.base, settings, sweeper.swept, info, grows=sweeper.listens)
-    plan = planner.plan(points)
-    if plan.trials:
-        planner.check(plan)
+    planner, plan = _first_plan(sweeper, settings, info, points)
     before = _looks_before(settings, plan)
     planner.looks = paid_looks(before, sweeper.looks, [trial.seed for trial in plan.trials])
     return Prepared(
@@ -104,6 +104,17 @@ def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
         looks_before=before,
         words=tuple(words),
     )
+
+
+def _first_plan(
+    sweeper: Sweeper, settings: Settings, info: DataInfo, points: Sequence[Point]
+) -> tuple[Planner, Plan]:
+    """A planner, and its plan of the first points, which compares what was asked for."""
+    planner = Planner(sweeper.base, settings, sweeper.swept, info, grows=sweeper.listens)
+    plan = planner.plan(points)
+    if plan.trials:
+        planner.check(plan)
+    return planner, plan
 
 
 def paid_looks(

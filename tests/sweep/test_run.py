@@ -99,6 +99,13 @@ def test_a_start_with_fewer_trials_says_which_it_leaves_out(
     assert left_out(sweep) == ""  # more trials than before
 
 
+def test_a_factor_that_does_not_vary_is_refused_before_frames_are_simulated(tmp_path: Path) -> None:
+    words = ("data.generate=true", "sweep.factor=loss.alpha")
+    with pytest.raises(ConfigError, match=r"^sweep\.factor: loss\.alpha .* Swept: loss\.gamma\."):
+        small_sweep(tmp_path / "data", tmp_path, POINTS, *words)
+    assert not (tmp_path / "data").exists()
+
+
 def test_a_sweep_that_was_run_can_be_opened(sweep: Prepared) -> None:
     """Through the store that its config names."""
     store = open_store(sweep.settings.store.root, sweep.settings.store.uri)
