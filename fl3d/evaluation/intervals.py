@@ -45,8 +45,9 @@ class Interval:
         return self.low > 0 or self.high < 0
 
     def within_percent(self) -> Interval:
-        """The same of a number that lies in 0..100, as an AP does: t knows nothing of these ends."""
-        return Interval(self.value, max(0.0, self.low), min(100.0, self.high))
+        """The same of a number that lies in 0..100, as an AP does: t knows nothing of these ends. NaN stays NaN."""
+        low, high = np.maximum(0.0, self.low), np.minimum(100.0, self.high)  # max() takes 0 for NaN
+        return Interval(self.value, float(low), float(high))
 
     def is_within(self, margin: float) -> bool:
         """Whether all of it lies less than a margin from zero."""

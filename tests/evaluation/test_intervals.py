@@ -134,6 +134,13 @@ def test_an_interval_knows_zero_and_a_margin() -> None:
     assert not Interval(0.1, -1.0, 0.9).is_within(1)
 
 
+def test_an_interval_of_a_percentage_ends_at_0_and_100_and_stays_unknown_where_it_is() -> None:
+    assert Interval(1.0, -2.0, 4.0).within_percent() == Interval(1.0, 0.0, 4.0)
+    assert Interval(99.0, 97.0, 101.0).within_percent() == Interval(99.0, 97.0, 100.0)
+    nothing = Interval(np.nan, np.nan, np.nan).within_percent()
+    assert np.isnan([nothing.value, nothing.low, nothing.high]).all()
+
+
 def normals(n_members: int, shared: float, n_draws: int = 100_000, seed: int = 0) -> Float:
     """Members with unequal spreads and a part in common: (R, L)."""
     rng = np.random.default_rng(seed)
