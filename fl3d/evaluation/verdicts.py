@@ -124,7 +124,8 @@ def is_hopeless(known: Known, margin: float, most: int) -> bool:
     low, high = known.gain - half, known.gain + half
     below, above = known.reach(most)
     may_be_told = high > below or low < -above
-    may_be_within = max(low, below - margin) < min(high, margin - above)
+    # Seeds that all gained the same leave the mean a single place, which may lie within the margin all the same.
+    may_be_within = max(low, below - margin) <= min(high, margin - above)
     return not (may_be_told or may_be_within)
 
 

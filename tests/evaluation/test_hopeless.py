@@ -30,6 +30,15 @@ def test_hope_is_left_where_the_mean_may_still_come_to_a_verdict() -> None:
     assert not is_hopeless(known(0.5, frames=1.5, spread=2.0), MARGIN, 10)  # the mean may be 3
 
 
+def test_seeds_that_gained_the_same_to_the_digit_leave_hope_as_any_others_do() -> None:
+    """The mean stays 0; frames that reach 1.1 AP with four seeds reach 1.1 by the root of 4 / 10, 0.7, with ten."""
+    same = known(0.0, frames=1.1, spread=0.0, lasting=0.0)
+    assert seeds_needed(same, MARGIN, 0.05) == 5  # 1.1 by the root of 4 / 5 is 0.98
+    assert not is_hopeless(same, MARGIN, 10)
+    assert not is_hopeless(known(0.0, frames=1.1, spread=1e-9, lasting=0.0), MARGIN, 10)
+    assert is_hopeless(known(0.0, frames=1.1, spread=0.0), MARGIN, 10)  # all of it lasts
+
+
 def test_frames_part_that_averages_out_leaves_hope_for_as_many_seeds_as_may_come() -> None:
     """Nothing of it lasts: from 4 to 16 seeds 1.5 AP become 0.75."""
     passing = known(0.0, frames=1.5, lasting=0.0)
