@@ -9,7 +9,7 @@ difference between seeds: where it is known, its part of the interval over frame
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -22,6 +22,7 @@ ALPHA = 0.05  # an interval may miss the truth so often
 SIMULATED = (
     400_000  # sequences of seeds: of a family of six, 3400 miss, so that share is known to 2 %
 )
+AT_ONCE = 20  # seeds whose values are held together: 64 MB
 SPENDING = 2  # with 1 the last interval is a tenth wider, with 3 clear gains take longer: benchmarks/verdicts.py
 
 
@@ -229,18 +230,33 @@ def spent_alphas(alpha: float, looks: tuple[int, ...]) -> tuple[float, ...]:
         alpha: over all looks.
         looks: numbers of seeds, rising, the first at least 2.
     """
-    values = np.random.default_rng(0).standard_normal((SIMULATED, looks[-1]))
-    sums = np.cumsum(values, axis=1)
-    squares = np.cumsum(values**2, axis=1)
-    inside = np.ones(SIMULATED, dtype=bool)  # at all looks so far
+    sums, squares = np.zeros(SIMULATED), np.zeros(SIMULATED)
+    is_out = np.zeros(SIMULATED, dtype=bool)  # at any look so far
     found = []
-    for n in looks:
-        mean = sums[:, n - 1] / n
-        variance = (squares[:, n - 1] - n * mean**2) / (n - 1)
-        t = np.abs(mean) / np.sqrt(np.maximum(variance, np.finfo(float).tiny) / n)
-        p = 2 * stdtr(n - 1, -t)
+    for n, values in enumerate(_simulated(looks[-1]), 1):
+        sums += values
+        squares += values**2
+        if n not in looks:
+            continue
+        share = sums**2 / (n * squares)  # of the squares that is the mean's: t rises with it
+        share[is_out] = -1.0
         spent = alpha * (n / looks[-1]) ** SPENDING
-        n_out = max(1, round(spent * SIMULATED) - int((~inside).sum()))
-        found.append(float(np.partition(p[inside], n_out - 1)[n_out - 1]))
-        inside &= p > found[-1]
+        n_out = max(1, round(spent * SIMULATED) - int(is_out.sum()))
+        first = float(np.partition(share, -n_out)[-n_out])
+        found.append(2 * float(stdtr(n - 1, -np.sqrt((n - 1) * first / (1 - first)))))
+        is_out |= share >= first
     return tuple(found)
+
+
+def _simulated(n_seeds: int) -> Iterator[Float]:
+    """Normal values of one seed after another: (``SIMULATED``,) each.
+
+    Few seeds are drawn at once, sequence by sequence, which published intervals come from; of many that would take
+    gigabytes.
+    """
+    rng = np.random.default_rng(0)
+    if n_seeds <= AT_ONCE:
+        yield from rng.standard_normal((SIMULATED, n_seeds)).T
+        return
+    for _ in range(n_seeds):
+        yield rng.standard_normal(SIMULATED)
