@@ -77,9 +77,19 @@ class Known:
 
     def reach(self, n_seeds: int) -> tuple[float, float]:
         """How far the interval over frames will reach below and above the mean of so many seeds."""
-        rest = (1 - self.lasting) * self.n_seeds / n_seeds
-        narrowed = float(np.sqrt(self.lasting + rest))
+        narrowed = left_of_frames(self.lasting, self.n_seeds, n_seeds)
         return self.below * narrowed, self.above * narrowed
+
+
+def left_of_frames(lasting: float, known: int, n_seeds: float) -> float:
+    """What part of an interval over frames is left with another number of seeds: what does not last averages out.
+
+    Args:
+        lasting: see ``Known``.
+        known: seeds that the interval is of.
+        n_seeds: of the other; infinite: what no number of seeds takes away.
+    """
+    return float(np.sqrt(lasting + (1 - lasting) * known / n_seeds))
 
 
 def seeds_needed(known: Known, margin: float, alpha: float, fewest: int = FEWEST) -> int | None:
@@ -150,11 +160,29 @@ def smallest_gain(spread: float, n_seeds: int, alpha: float, frames: float = 0.0
     return float(np.hypot(high * spread / np.sqrt(n_seeds), of_frames))
 
 
-def seeds_for(margin: float, spread: float, alpha: float, frames: float = 0.0) -> int | None:
-    """The fewest seeds that tell a gain of the margin; None: the frames are too few for it."""
-    if smallest_gain(0.0, MOST, alpha, frames) > margin:
+def seeds_for(
+    margin: float,
+    spread: float,
+    alpha: float,
+    frames: float = 0.0,
+    lasting: float = 1.0,
+    known: int = 1,
+) -> int | None:
+    """The fewest seeds that tell a gain of the margin; None: not even ``MOST`` do.
+
+    Args:
+        margin: AP.
+        spread: see ``smallest_gain``.
+        alpha: likewise.
+        frames: likewise, of ``known`` seeds.
+        lasting: share of its variance that more seeds do not take away.
+        known: seeds that ``frames`` is of.
+    """
+
+    def told(spread: float, n_seeds: int) -> float:
+        left = frames * left_of_frames(lasting, known, n_seeds)
+        return smallest_gain(spread, n_seeds, alpha, left)
+
+    if told(0.0, MOST) > margin:
         return None
-    for n in range(FEWEST, MOST + 1):
-        if smallest_gain(spread, n, alpha, frames) <= margin:
-            return n
-    return None
+    return next((n for n in range(FEWEST, MOST + 1) if told(spread, n) <= margin), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
@@ -14,7 +15,8 @@ from fl3d.analysis.samples import resample_mean
 from fl3d.config.places import PUBLISHED
 from fl3d.config.settings import Settings
 from fl3d.core.errors import ConfigError, DataError, StoreError
-from fl3d.evaluation.intervals import ALPHA, frames_alpha
+from fl3d.evaluation.intervals import ALPHA, frames_alpha, lasting_share
+from fl3d.evaluation.verdicts import left_of_frames
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.opening import open_sweep
 from fl3d.runs.trials import FinishedTrial
@@ -34,11 +36,19 @@ class Pilot:
         spread: standard deviation of a gain between seeds, AP.
         frames: half of a gain's interval over frames, AP; 0: not known.
         source: of both, for a reader.
+        lasting: share of the variance over frames that more seeds do not take away, see ``intervals.lasting_share``.
+        n_seeds: that ``frames`` is of.
     """
 
     spread: float
     frames: float
     source: str
+    lasting: float = 1.0
+    n_seeds: int = 1
+
+    def frames_of(self, n_seeds: float) -> float:
+        """Half of the interval over frames of so many seeds; of endlessly many the part that lasts."""
+        return self.frames * left_of_frames(self.lasting, self.n_seeds, n_seeds)
 
 
 def find_pilots(
@@ -61,7 +71,7 @@ def find_pilots(
         gains = gains_by_seed(sweep, group, baseline)
         pilot = pilot_of(gains) if spread is None else by_hand(spread)
         if pilot is not None:
-            found[group] = with_frames(pilot, frames_half(sweep, group))
+            found[group] = with_frames(pilot, *known_of_frames(sweep, group))
     return found
 
 
@@ -70,10 +80,14 @@ def by_hand(spread: float) -> Pilot:
     return Pilot(spread, 0.0, f"spread between seeds {spread:g} AP, as given")
 
 
-def with_frames(pilot: Pilot, frames: float) -> Pilot:
-    """The same, and what is known of the frames."""
+def with_frames(pilot: Pilot, frames: float, lasting: float = 1.0, n_seeds: int = 1) -> Pilot:
+    """The same, and what is known of the frames, see ``Pilot``."""
     told = f"interval over frames ±{frames:.2g}" if frames else "frames not counted"
-    return replace(pilot, frames=frames, source=f"{pilot.source}; {told}")
+    if frames and lasting < 1:
+        endless = frames * left_of_frames(lasting, n_seeds, math.inf)
+        told += f" with {n_seeds} seeds, ±{endless:.2g} with endlessly many"
+    source = f"{pilot.source}; {told}"
+    return replace(pilot, frames=frames, source=source, lasting=lasting, n_seeds=n_seeds)
 
 
 def gains_by_seed(sweep: FinishedSweep, group: str, baseline: str) -> pd.DataFrame:
@@ -112,14 +126,15 @@ def pilot_of(gains: pd.DataFrame) -> Pilot | None:
     return Pilot(spread, 0.0, source)
 
 
-def frames_half(sweep: FinishedSweep, group: str) -> float:
-    """Half of the interval over frames of a gain's mean over at most three seeds, of the primary metric.
+def known_of_frames(sweep: FinishedSweep, group: str) -> tuple[float, float, int]:
+    """Half of the interval over frames of a gain's mean over at most three seeds, what of it lasts, and these seeds.
 
-    Root mean square of the levels', which hold all at once; from few resamples, for it must be quick. 0 where nothing
-    is known of it: detections are not at hand.
+    Of the primary metric; root mean square of the levels', which hold all at once; from few resamples, for it must be
+    quick. 0 where nothing is known of it: detections are not at hand.
     """
+    unknown = (0.0, 1.0, 1)
     if not sweep.is_from_store:
-        return 0.0
+        return unknown
     steps = sweep.steps("last")
     seeds = sorted({trial.seed for trial in sweep.trials if trial.group == group})[:SEEDS]
     try:
@@ -130,14 +145,22 @@ def frames_half(sweep: FinishedSweep, group: str) -> float:
             if trial.group == group and trial.seed in seeds
         }
     except (DataError, StoreError):
-        return 0.0
-    means = _mean_gains(draws, sweep.baseline)
-    if not means:
-        return 0.0
-    columns = np.stack(means, axis=1)
-    tail = 50 * frames_alpha(columns, ALPHA)
-    low, high = np.percentile(columns, [tail, 100 - tail], axis=0)
-    return float(np.sqrt(np.mean(((high - low) / 2) ** 2)))
+        return unknown
+    gains = _gains(draws, sweep.baseline)
+    return _pooled(gains) if gains else unknown
+
+
+def _pooled(gains: list[NDArray[np.float64]]) -> tuple[float, float, int]:
+    """Of the draws of each level, (S, R): half, lasting share and seeds, see ``known_of_frames``."""
+    means = np.stack([own.mean(axis=0) for own in gains], axis=1)
+    tail = 50 * frames_alpha(means, ALPHA)
+    low, high = np.percentile(means, [tail, 100 - tail], axis=0)
+    squares = ((high - low) / 2) ** 2
+    half = float(np.sqrt(np.mean(squares)))
+    if half == 0:
+        return 0.0, 1.0, 1
+    lasting = float(np.average([lasting_share(own) for own in gains], weights=squares))
+    return half, lasting, max(len(own) for own in gains)
 
 
 def _draws(
@@ -152,10 +175,10 @@ def _draws(
     return draws[:, AVERAGES.index(asked.average)]
 
 
-def _mean_gains(draws: Draws, baseline: str) -> list[NDArray[np.float64]]:
-    """(R,) of each level: the mean gain over the seeds that it shares with the baseline."""
+def _gains(draws: Draws, baseline: str) -> list[NDArray[np.float64]]:
+    """(S, R) of each level: its gain with each seed that it shares with the baseline."""
     by_level: dict[str, list[NDArray[np.float64]]] = {}
     for (level, seed), own in draws.items():
         if level != baseline and (baseline, seed) in draws:
             by_level.setdefault(level, []).append(own - draws[baseline, seed])
-    return [np.mean(gains, axis=0) for gains in by_level.values()]
+    return [np.stack(gains) for gains in by_level.values()]

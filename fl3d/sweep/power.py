@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -73,9 +74,10 @@ def prospect(
     alpha = member_alpha(n_levels, n_seeds, looks)
     smallest = None
     if n_seeds >= FEWEST:
-        smallest = smallest_gain(pilot.spread, n_seeds, alpha, pilot.frames)
-    floor = smallest_gain(0.0, n_seeds, alpha, pilot.frames)
-    return Prospect(smallest, seeds_for(margin, pilot.spread, alpha, pilot.frames), floor)
+        smallest = smallest_gain(pilot.spread, n_seeds, alpha, pilot.frames_of(n_seeds))
+    floor = smallest_gain(0.0, n_seeds, alpha, pilot.frames_of(math.inf))
+    frames = (pilot.frames, pilot.lasting, pilot.n_seeds)
+    return Prospect(smallest, seeds_for(margin, pilot.spread, alpha, *frames), floor)
 
 
 def power_lines(

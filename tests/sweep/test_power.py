@@ -107,6 +107,27 @@ def test_frames_are_the_floor() -> None:
     assert prospect(pilot, 1, 5, 2.2).needed == 3
 
 
+def test_what_of_the_frames_part_does_not_last_shrinks_as_seeds_are_added() -> None:
+    """Of ±2 with three seeds a quarter of the variance lasts: twelve seeds leave 2 times the root of 7/16, 1.32.
+
+    Endlessly many leave ±1, which tells 1 (1 + 0.842 / 1.960) = 1.43 AP; ±2 tells 2.86, of any number of seeds.
+    """
+    pilot = with_frames(by_hand(0.01), 2.0, lasting=0.25, n_seeds=3)
+    assert pilot.frames_of(3) == pytest.approx(2.0)
+    assert pilot.frames_of(12) == pytest.approx(2 * (7 / 16) ** 0.5)
+    found = prospect(pilot, n_levels=1, n_seeds=3, margin=2.0)
+    assert found.smallest == pytest.approx(2.86, abs=0.005)
+    assert found.floor == pytest.approx(1.43, abs=0.005)
+    # 2 / 1.43 = 1.4 is left of ±2 where 1/4 + 3/4 * 3/n = 0.49, n = 9.4.
+    assert found.needed == 10
+    assert prospect(pilot, 1, 3, 1.4).needed is None
+    said = lines({"VoxelNet": with_frames(by_hand(0.01), 2.0, lasting=0.25, n_seeds=3)}, 2.5)
+    assert "by no number of seeds" not in said
+    # Of two levels ±2 tells 2 (1 + 0.842 / 2.237) = 2.75; for 2.5 the part is 0.908: 1/4 + 9/4n = 0.825, n = 3.9.
+    assert "2.5 AP takes about 4 seeds" in said
+    assert "interval over frames ±2 with 3 seeds, ±1 with endlessly many" in said
+
+
 def test_seeds_that_are_added_until_a_verdict_comes_tell_a_little_less() -> None:
     looks = (3, 4, 5)
     once = prospect(by_hand(1.0), 2, 5, 1.0)
@@ -206,6 +227,8 @@ def test_finished_trials_tell_the_spread_and_the_frames(simulated: Path, tmp_pat
     assert set(found) == {"VoxelNet"}
     assert found["VoxelNet"].spread == pytest.approx(spread)
     assert found["VoxelNet"].frames > 0
+    assert 0 <= found["VoxelNet"].lasting < 1
+    assert found["VoxelNet"].n_seeds == 2
     given = find_pilots(sweep.settings, ["VoxelNet"], 0.7)["VoxelNet"]
     assert (given.spread, given.frames) == (0.7, found["VoxelNet"].frames)
     places = [f"data.root={simulated}", f"store.root={sweep.settings.store.root}"]
