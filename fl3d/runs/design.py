@@ -233,16 +233,37 @@ def baseline_level(
 
 
 def asked_label(factor: Sequence[str], asked: Any) -> str:
-    """Label of a level that a user named, see ``baseline_level``."""
+    """Label of a level that a user named, see ``baseline_level``.
+
+    Raises:
+        ConfigError: more values than keys, or a value of a key that is not of the factor.
+    """
     names = short_names(factor)
     if len(factor) > 1 and isinstance(asked, Mapping):
+        _refuse_others(asked, names)
         values = [asked.get(key, asked.get(names[key])) for key in factor]
     elif len(factor) > 1 and isinstance(asked, Sequence) and not isinstance(asked, str):
         values = list(asked)
+        if len(values) > len(factor):
+            keys = ", ".join(factor)
+            raise ConfigError(
+                f"sweep.baseline: {label_of(values)} has {len(values)} values, and the sweep compares "
+                f"{len(factor)} keys, {keys}: a value of each"
+            )
     else:
         return label_of(asked)
     pairs = zip(names.values(), values, strict=False)
     return ", ".join(f"{name}={label_of(value)}" for name, value in pairs)
+
+
+def _refuse_others(asked: Mapping[str, Any], names: Mapping[str, str]) -> None:
+    """Refuse a value of a key that is not compared: it would say nothing."""
+    possible = {*names, *names.values()}
+    for key in asked:
+        if key not in possible:
+            raise ConfigError(
+                f"sweep.baseline: '{key}' is no key that the sweep compares. {options(key, names)}"
+            )
 
 
 def in_order(levels: Iterable[str]) -> list[str]:

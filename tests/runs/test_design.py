@@ -245,6 +245,27 @@ def test_a_baseline_that_no_trial_has_is_answered_with_the_levels(
         baseline_level(["0", "2"], factor, baseline)
 
 
+@pytest.mark.parametrize(
+    ("baseline", "message"),
+    [
+        (
+            [1, 5, 9],
+            r"\[1, 5, 9\] has 3 values, and the sweep compares 2 keys, loss.alpha, loss.beta",
+        ),
+        (
+            {"alpha": 1, "beta": 5, "gamma": 2},
+            "'gamma' is no key that the sweep compares.*loss.beta",
+        ),
+    ],
+)
+def test_a_baseline_with_a_value_too_many_is_refused_and_not_cut(
+    baseline: object, message: str
+) -> None:
+    levels = ["alpha=0.5, beta=5", "alpha=1, beta=5"]
+    with pytest.raises(ConfigError, match=f"sweep.baseline: {message}"):
+        baseline_level(levels, ("loss.alpha", "loss.beta"), baseline)
+
+
 def trial(key: str, **values: Any) -> Trial:
     named = {name.replace("_", "."): value for name, value in values.items()}
     return Trial(
