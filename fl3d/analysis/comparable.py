@@ -9,6 +9,7 @@ import numpy as np
 
 from fl3d.analysis.result_folders import Held
 from fl3d.core.errors import ConfigError, options
+from fl3d.core.plurals import several
 from fl3d.evaluation.average_precision import Comparison
 
 PRIMARY = (
@@ -83,7 +84,7 @@ def notes_on(held: Held, baseline: str, classes: Sequence[str], asked: Sequence[
         own, base = len(held.runs[name]), len(held.runs[baseline])
         if own != base:
             shared = f"the first {min(own, base)} of each are paired"
-            notes.append(f"{name} has {own} runs and {baseline} {base}: {shared}.")
+            notes.append(f"{name} has {several(own, 'run')} and {baseline} {base}: {shared}.")
     wanted = {name.lower() for name in asked}
     for class_name in held.protocol.overlaps:
         is_detected = any(held.metrics(name, class_name) for name in held.names)

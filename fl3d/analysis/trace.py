@@ -9,6 +9,7 @@ import pandas as pd
 
 from fl3d.core.digests import file_digest
 from fl3d.core.errors import DataError
+from fl3d.core.plurals import several
 from fl3d.evaluation.detections import read_detections
 from fl3d.evaluation.results import results_digest
 from fl3d.evaluation.scoring import score
@@ -59,7 +60,8 @@ def _stage(folder: RunFolder) -> Iterator[str]:
     marker = read_marker(folder, folder.steps()[-1])
     made = marker.made_by
     dirty = f" + uncommitted changes {made['fl3d.diff']}" if "fl3d.diff" in made else ""
-    yield f"  stage       {stage.key}: {stage.epochs} epochs from step {stage.start_step}"
+    epochs = several(stage.epochs, "epoch")
+    yield f"  stage       {stage.key}: {epochs} from step {stage.start_step}"
     yield f"              commit {marker.commit[:12]}{dirty}; {made.get('fl3d.packages', '')}"
     if "program" in made:
         yield f"              program {made['program.folder']}, {made['program']}"

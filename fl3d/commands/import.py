@@ -9,6 +9,7 @@ from pathlib import Path
 from fl3d.commands.parsing import HELP, parser
 from fl3d.core.errors import ConfigError
 from fl3d.core.loading import loading
+from fl3d.core.plurals import several
 
 EXAMPLES = """\
   import 'exp/gamma{level}/seed{seed}/epoch_{epoch}/data' --factor gamma sweep.name=pv data=kitti data.root=/data/kitti
@@ -67,7 +68,8 @@ def run(arguments: list[str]) -> None:
     points = Import(results, base, given.factor, given.name, ids).points()
     prepared = prepare_sweep(Listed(points), words)
     added = keep(prepared, prepared.plan, print)
-    print(f"{len(results)} checkpoints of {len(points)} trials; {added} trials are new")
+    counts = f"{several(len(results), 'checkpoint')} of {several(len(points), 'trial')}"
+    print(f"{counts}; {several(added, 'trial')} {'is' if added == 1 else 'are'} new")
     ran = run_sweep(prepared, InlineLauncher())
     report(prepared, ran, words, print)
     ran.outcome.check()

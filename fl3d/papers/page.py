@@ -17,6 +17,7 @@ from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.found import Judged
 from fl3d.analysis.split_halves import HALVINGS, best_of_k_checkpoints
 from fl3d.core.files import write_text
+from fl3d.core.plurals import several
 from fl3d.evaluation.selection import BEST_OF_LAST_STAGE
 from fl3d.papers.base import Say
 from fl3d.papers.drawings import draw_curves, draw_papers
@@ -221,7 +222,7 @@ def _provenance(sweep: FinishedSweep, words: Sequence[str]) -> tuple[str, ...]:
         changed = " with changes" if "fl3d.diff" in marker.made_by else ""
         made.add(f"commit {marker.commit[:12]}{changed}; {marker.made_by.get('fl3d.machine', '')}")
         made.add(marker.made_by.get("fl3d.packages", ""))
-        epochs = f"{stage.epochs} epochs of {stage.epoch_steps} steps"
+        epochs = f"{several(stage.epochs, 'epoch')} of {several(stage.epoch_steps, 'step')}"
         stages.append(f"{stage.key}: {epochs} from step {stage.start_step}")
     return (
         preformatted(f"python -m fl3d -m {given}\npython -m fl3d report {given}"),

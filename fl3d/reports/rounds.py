@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 
 import pandas as pd
 
+from fl3d.core.plurals import several
 from fl3d.evaluation.verdicts import Verdict
 from fl3d.reports.verdicts import Row, gain_text, verdict_text
 
@@ -36,7 +37,7 @@ def round_text(
         elif row["verdict"] != Verdict.BASELINE:
             state = "open" if row["open"] else "given up"
             state = "decided" if Verdict(row["verdict"]).is_final else state
-            count = f"{row['seeds']} seed{'s' if row['seeds'] > 1 else ''}"
+            count = several(int(row["seeds"]), "seed")
             words = _words(row, margin, most)
             lines.append([state, group, tell(level), count, gain_text(row), words])
     lines.sort(key=lambda line: STATES.index(line[0]))  # the order is kept within

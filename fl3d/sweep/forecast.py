@@ -5,6 +5,7 @@ from __future__ import annotations
 from tqdm import tqdm
 
 from fl3d.core.leases import holder_of
+from fl3d.core.plurals import several
 from fl3d.core.records import Stage
 from fl3d.runs.layout import StoreFolder
 from fl3d.runs.retention import kept_epochs
@@ -59,7 +60,7 @@ class Forecast:
         """How many trials and stages there are, and how many of these are done."""
         n_stages = len(self.plan.stages)
         n_todo = len(self.todo)
-        stages = f"{len(self.plan.trials)} trials in {n_stages} stages"
+        stages = f"{several(len(self.plan.trials), 'trial')} in {several(n_stages, 'stage')}"
         done = f"; {n_stages - n_todo} done" if self.has_keys else ""
         return f"{stages}{done}, {n_todo} to train"
 
@@ -133,7 +134,8 @@ class Forecast:
     def note(self, stage: Stage) -> str:
         """What is known of a stage."""
         key = f"  [{stage.key}]" if self.has_keys else ""
-        return f"{stage.epochs} epochs, {stage.steps} steps, {self._state(stage)}{key}"
+        length = f"{several(stage.epochs, 'epoch')}, {several(stage.steps, 'step')}"
+        return f"{length}, {self._state(stage)}{key}"
 
     def _state(self, stage: Stage) -> str:
         folder = self.layout.run(stage.key)

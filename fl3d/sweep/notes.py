@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fl3d.config.settings import Settings
+from fl3d.core.plurals import several
 from fl3d.reports.render import to_markdown
 from fl3d.reports.table import Table
 from fl3d.runs.layout import StoreFolder
@@ -43,6 +44,7 @@ def announcement(settings: Settings, plan: Plan, layout: StoreFolder, slots: int
     if not plan.trials:
         return f"{settings.experiment}: trials are proposed one by one, {slots} stages at once"
     todo = [key for key in plan.stages if not layout.run(key).is_done]
-    shared = f"{plan.epochs} epochs (without shared beginnings {plan.plain_epochs})"
-    left = f"{len(todo)} stages to train, {slots} at once" if todo else "everything is done"
-    return f"{settings.experiment}: {len(plan.trials)} trials in {len(plan.stages)} stages, {shared}; {left}"
+    shared = f"{several(plan.epochs, 'epoch')} (without shared beginnings {plan.plain_epochs})"
+    left = f"{several(len(todo), 'stage')} to train, {slots} at once"
+    counts = f"{several(len(plan.trials), 'trial')} in {several(len(plan.stages), 'stage')}"
+    return f"{settings.experiment}: {counts}, {shared}; {left if todo else 'everything is done'}"

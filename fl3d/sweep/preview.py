@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from fl3d.config.settings import Settings, read_settings
 from fl3d.core.errors import ConfigError
+from fl3d.core.plurals import several
 from fl3d.runs.layout import StoreFolder
 from fl3d.sweep.expected import expect_data
 from fl3d.sweep.forecast import Forecast
@@ -63,7 +64,7 @@ def preview(
     if points:
         say(f"{settings.experiment}: {forecast.counts()}{unready}")
     else:
-        count = f"{sweeper.n_trials} trials" if sweeper.n_trials != 1 else "1 trial"
+        count = several(sweeper.n_trials, "trial")
         say(f"{settings.experiment}: a study of {count}, proposed as it goes{unready}")
         say(f"One of them, with nothing shared, has {len(plan.stages)} stages:")
     for line in forecast.summary():

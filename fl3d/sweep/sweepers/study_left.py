@@ -9,6 +9,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from fl3d.core.errors import ConfigError
 from fl3d.core.leases import living
+from fl3d.core.plurals import several
 from fl3d.runs.layout import StoreFolder
 from fl3d.sweep.sweepers.base import Point
 from fl3d.sweep.sweepers.samplers import Samplers
@@ -136,13 +137,11 @@ class Left:
         name = self.trials.name
         if dead:
             say(
-                f"The study '{name}' had {_count(dead)} that an interrupted start left running: asked for again."
+                f"The study '{name}' had {several(dead, 'trial')} that an interrupted start left running: "
+                "asked for again."
             )
         if elsewhere:
             say(
-                f"In the study '{name}' other sweeps or stores have {_count(elsewhere)} running, which count too."
+                f"In the study '{name}' other sweeps or stores have {several(elsewhere, 'trial')} running, "
+                "which count too."
             )
-
-
-def _count(number: int) -> str:
-    return f"{number} trial{'' if number == 1 else 's'}"
