@@ -15,7 +15,10 @@ STAR = (
     "(95 %, from three seeds on)"
 )
 SHARED = "Here APs are, as their intervals, of the seeds that the baseline has too"
-DAGGER = "†: R11 moves more than twice as far as R40: it may be one of its recall steps, worth up to 9.09 AP."
+DAGGER = (
+    "†: R11 moves more than twice as far as R40, or the other way: it may be one of its recall steps, worth up to "
+    "9.09 AP."
+)
 
 
 def with_intervals(

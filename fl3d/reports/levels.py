@@ -132,7 +132,7 @@ def gains_tables(gains: pd.DataFrame, levels: Levels, metric: str, average: str)
             _gain_row(row, levels.baseline) for row in levels.sorted(own).to_dict("records")
         )
         caption = f"{group}, {view} {difficulty}, {average}, last models, 95 % intervals"
-        legend = "each interval by itself" + (star if own["marked"].any() else "")
+        legend = "Each interval by itself" + (star if own["marked"].any() else "")
         notes = note_on_gains(own, levels)
         tables.append(Table(f"gains-{slug(str(group))}", caption, columns, rows, legend, notes))
     return tables

@@ -8,12 +8,15 @@ from typing import Any
 
 import pandas as pd
 
+from fl3d.core.plurals import several
 from fl3d.evaluation.verdicts import FEWEST, Verdict
 from fl3d.reports.levels import Levels, note_on_gains, slug
 from fl3d.reports.table import Cell, Column, Table
 
 Row = Mapping[Hashable, Any]
 ONE_SEED = "frames only, not training"
+FULL = 100 - 1e-9  # AP, but for rounding
+ALONE = "no other level is done"
 LEGEND = (
     "better, worse: the gain's interval excludes 0; equivalent: it lies within ± {margin:g} AP; undecided: neither. "
     "The gains' intervals of a table hold all at once (95 %)"
@@ -35,13 +38,20 @@ def verdict_text(row: Row, margin: float) -> str:
     if verdict is Verdict.NONE:
         return ONE_SEED if row["seeds"] == 1 else f"no verdict before {FEWEST} seeds{_more(row)}"
     if verdict is Verdict.EQUIVALENT:
-        is_same = row["gain_low"] == row["gain_high"] == 0
-        unread = ": the same AP in every resample, as if nothing read what it changes"
-        return f"equivalent within {margin:g} AP{unread if is_same else ''}"
+        return f"equivalent within {margin:g} AP{_why_same(row)}"
     if verdict is Verdict.UNDECIDED:
         return f"undecided{_more(row)}"
     is_small = -margin < row["gain_low"] and row["gain_high"] < margin
     return f"{verdict}, by less than {margin:g} AP" if is_small else str(verdict)
+
+
+def _why_same(row: Row) -> str:
+    """What may be behind a gain of 0 in every resample; of other gains nothing."""
+    if not row["gain_low"] == row["gain_high"] == 0:
+        return ""
+    if row["ap"] >= FULL:
+        return ": both find everything (AP 100)"
+    return ": the same AP in every resample, as if nothing read what it changes"
 
 
 def verdict_word(row: Row) -> str:
@@ -58,7 +68,7 @@ def _more(row: Row) -> str:
     if math.isnan(row["more_seeds"]):
         return "; seeds alone would probably not tell, more frames or a wider margin might"
     count = int(row["more_seeds"])
-    seeds = f", about {count} more seed{'s' if count > 1 else ''}"
+    seeds = f", about {several(count, 'more seed')}"
     minutes = row.get("seed_minutes", math.nan)
     return seeds if math.isnan(minutes) else f"{seeds}, {_time(count * minutes)} of work"
 
@@ -125,7 +135,7 @@ def in_short(verdicts: pd.DataFrame, levels: Levels) -> str:
         for row in others.to_dict("records"):
             named[Verdict(row["verdict"])].append(str(row["level"]))
         parts = [_count(verdict, of, levels) for verdict, of in named.items() if of]
-        found.append(f"{group}: {', '.join(parts)}.")
+        found.append(f"{group}: {', '.join(parts) or ALONE}.")
     return " ".join(found)
 
 
@@ -147,7 +157,7 @@ def findings(verdicts: pd.DataFrame, levels: Levels, margin: float) -> list[str]
         ]
         parts += _open(rows, levels, margin)
         base = f"{levels.text(levels.baseline)}, {own['metric'].iloc[0]}"
-        found.append(f"{group}, against {base}: {'; '.join(parts)}.")
+        found.append(f"{group}, against {base}: {'; '.join(parts) or ALONE}.")
     return found
 
 

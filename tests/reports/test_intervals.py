@@ -51,7 +51,9 @@ def test_intervals_stand_behind_each_cell_marked_gains_have_stars_and_each_row_i
         "",
     ]
     assert "star: the gain in R40 differs from zero" in view.legend
-    assert view.notes[-1].startswith("†: R11 moves more than twice as far as R40")
+    assert view.notes[-1].startswith(
+        "†: R11 moves more than twice as far as R40, or the other way: "
+    )
 
 
 def test_the_cell_is_the_ap_of_the_seeds_that_its_interval_is_over() -> None:

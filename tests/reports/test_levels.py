@@ -128,9 +128,9 @@ def test_gains_have_a_row_a_level_and_a_table_a_group(levels: Levels) -> None:
             ["2", "51.00 [40.00, 60.00]", "+1.00 [-1.00, +2.00]", "*"],
         ]
         assert table.columns[3].head == f"gain over {levels.text(levels.baseline)}"
-        assert table.legend.startswith("each interval by itself; *: the gain in R40 differs")
+        assert table.legend.startswith("Each interval by itself; *: the gain in R40 differs")
     plain = gains_tables(gains_frame(levels).assign(marked=False), levels, "3d/moderate", "R40")
-    assert {table.legend for table in plain} == {"each interval by itself"}
+    assert {table.legend for table in plain} == {"Each interval by itself"}
 
 
 def test_gains_of_fewer_seeds_than_the_baselines_are_told() -> None:

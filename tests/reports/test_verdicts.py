@@ -24,7 +24,7 @@ NAN = math.nan
 
 
 def row(verdict: Verdict, **changes: object) -> dict[str, object]:
-    found: dict[str, object] = {"verdict": str(verdict), "seeds": 5, "more_seeds": NAN}
+    found: dict[str, object] = {"verdict": str(verdict), "seeds": 5, "more_seeds": NAN, "ap": 50.0}
     return found | {"gain": 2.0, "gain_low": -4.0, "gain_high": 4.0} | changes
 
 
@@ -37,6 +37,10 @@ def row(verdict: Verdict, **changes: object) -> dict[str, object]:
         (row(Verdict.BETTER, gain_low=0.1, gain_high=0.4), "better, by less than 1 AP"),
         (row(Verdict.WORSE, gain_low=-0.4, gain_high=-0.1), "worse, by less than 1 AP"),
         (row(Verdict.EQUIVALENT), "equivalent within 1 AP"),
+        (
+            row(Verdict.EQUIVALENT, ap=100.0, gain=0.0, gain_low=0.0, gain_high=0.0),
+            "equivalent within 1 AP: both find everything (AP 100)",
+        ),
         (
             row(Verdict.EQUIVALENT, gain=0.0, gain_low=0.0, gain_high=0.0),
             "equivalent within 1 AP: the same AP in every resample, as if nothing read what it changes",
@@ -168,3 +172,12 @@ def test_over_how_many_seeds_intervals_reach() -> None:
     assert seeds_text(rows) == "Intervals over frames and 5 seeds of training."
     mixed = rows.assign(seeds=np.where(rows["level"] == "2", 3, rows["seeds"]))
     assert seeds_text(mixed) == "Intervals over frames and 3 / 5 seeds of training."
+
+
+def test_a_group_of_which_only_the_baseline_is_done_is_told_so() -> None:
+    both = verdict_rows(GAMMAS)
+    alone = both[(both["level"] == "0") | (both["group"] == "VoxelNet")]
+    assert in_short(alone, GAMMAS).startswith("3D-FCN: no other level is done. VoxelNet: ")
+    assert findings(alone, GAMMAS, 1)[0] == (
+        "3D-FCN, against γ = 0, 3d_r40/moderate: no other level is done."
+    )
