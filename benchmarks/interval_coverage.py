@@ -43,7 +43,7 @@ from benchmarks.validation_sets import (
     truth,
     value_of,
 )
-from fl3d.analysis.samples import pair_seeds
+from fl3d.analysis.samples import Measured, pair_seeds
 from fl3d.evaluation.bootstrap import widened
 from fl3d.evaluation.intervals import Interval, Sample, interval, joint_intervals
 
@@ -90,7 +90,7 @@ ROWS = (
 class Pair:
     """Baseline and level on one validation set; of each seed what ``pair_seeds`` takes, by average."""
 
-    sides: tuple[Mapping[str, Mapping[int, tuple[float, Float]]], ...]
+    sides: tuple[Mapping[str, Mapping[int, Measured]], ...]
     true: Float  # (2, S, 2) AP of each side, seed and average on endless frames
 
 
@@ -110,7 +110,7 @@ def draw_pairs(row: Row, n_seeds: int, n_sets: int) -> Iterator[Pair]:
             values = [value_of(one) for one in seeds]
             draws = [draws_of(one, RESAMPLES) for one in seeds]
             own = {
-                name: {s: (values[s][k], draws[s][:, k]) for s in range(n_seeds)}
+                name: {s: Measured(values[s][k], draws[s][:, k]) for s in range(n_seeds)}
                 for k, name in enumerate(AVERAGES)
             }
             sides.append(own)
@@ -233,17 +233,19 @@ def draw_replicates(
     n_seeds: int,
     own: float,
     rng: np.random.Generator,
-) -> list[dict[int, tuple[float, Float]]]:
+) -> list[dict[int, Measured]]:
     """R40 of a level's seeds, for each cell."""
     level = draw_level(world, scene, rng)
-    found: list[dict[int, tuple[float, Float]]] = [{} for _ in cells]
+    found: list[dict[int, Measured]] = [{} for _ in cells]
     n_resamples = OF_ONE_SEED if n_seeds == 1 else RESAMPLES
     for seed in range(n_seeds):
         shift = truth().shift(77.0 + own * rng.standard_normal())
         detections = detect(world, scene, level, shift, rng)
         for place, (metric, hardest) in enumerate(cells):
             one = match(scene, detections, metric, hardest)
-            found[place][seed] = (float(value_of(one)[R40]), draws_of(one, n_resamples)[:, R40])
+            found[place][seed] = Measured(
+                float(value_of(one)[R40]), draws_of(one, n_resamples)[:, R40]
+            )
     return found
 
 

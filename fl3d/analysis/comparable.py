@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
-
-import numpy as np
 
 from fl3d.analysis.result_folders import Held
 from fl3d.core.errors import ConfigError, options
@@ -62,10 +59,8 @@ def _why_not(held: Held, baseline: str, class_name: str) -> str:
 
 def _are_alike(runs: Sequence[Comparison]) -> bool:
     """Whether any two runs have found the same to the digit, and anything at all."""
-    return any(
-        len(a.det.types) > 0 and np.array_equal(a.det.values, b.det.values)
-        for a, b in combinations(runs, 2)
-    )
+    digests = [run.det.digest for run in runs if run.det.digest]
+    return len(set(digests)) < len(digests)
 
 
 def notes_on(held: Held, baseline: str, classes: Sequence[str], asked: Sequence[str]) -> list[str]:

@@ -15,7 +15,8 @@ from fl3d.analysis.gains import is_one_step
 from fl3d.analysis.result_folders import Held
 from fl3d.analysis.samples import (
     CELLS,
-    Float,
+    Measured,
+    Resampled,
     interval_columns,
     pair_seeds,
     resample_cell,
@@ -28,8 +29,8 @@ from fl3d.evaluation.verdicts import FEWEST
 
 Cell = tuple[str, str]  # metric and difficulty
 Key = tuple[str, Cell]  # of a detector
-# Of each detector and cell, by run: (2,) APs, and (R, 2) in the resamples.
-Drawn = Mapping[Key, Mapping[int, tuple[Float, Float]]]
+# Of each detector and cell, by run from 1 on: (2,) APs, and (R, 2) in the resamples.
+Drawn = Mapping[Key, Mapping[int, Resampled]]
 NO_INTERVAL = Interval(np.nan, np.nan, np.nan)
 
 
@@ -115,8 +116,10 @@ def _draw(held: Held, class_name: str, n_resamples: int) -> Drawn:
     units = held.units.of_frames
     return {
         (name, cell): {
-            number: resample_cell(run, cell, units, n_resamples, class_name)
-            for number, run in enumerate(held.runs[name])
+            number: Resampled(
+                *resample_cell(run, cell, units, n_resamples, class_name), run.det.digest
+            )
+            for number, run in enumerate(held.runs[name], 1)
         }
         for name in held.names
         for cell in _cells(held)
@@ -127,9 +130,11 @@ def _draw(held: Held, class_name: str, n_resamples: int) -> Drawn:
 def _sampled(drawn: Drawn, key: Key, baseline: str, average: int) -> tuple[Sample, Sample | None]:
     """AP and gain of a detector's cell; no gain where the baseline has no such boxes."""
 
-    def of(one: Key) -> dict[int, tuple[float, Float]]:
-        runs = drawn[one].items()
-        return {n: (float(values[average]), draws[:, average]) for n, (values, draws) in runs}
+    def of(one: Key) -> dict[int, Measured]:
+        return {
+            n: Measured(float(run.values[average]), run.draws[:, average], run.detections)
+            for n, run in drawn[one].items()
+        }
 
     base = (baseline, key[1])
     if base not in drawn:
@@ -170,7 +175,9 @@ def _average_rows(held: Held, baseline: str, drawn: Drawn, place: int) -> dict[K
         _joint({key: family[key] for key in family if key[1] == cell}) for cell in _cells(held)
     ]
     gains = {key: one for own in in_cells for key, one in own.items()}
-    enough = {key: gain for key, gain in family.items() if len(gain.values) >= FEWEST}
+    enough = {
+        key: gain for key, gain in family.items() if len(gain.values) >= FEWEST and not gain.copies
+    }
     is_marked = AVERAGES[place] == "R40"
     marked = {key for key, one in _joint(enough).items() if one.excludes_zero and is_marked}
     rows: dict[Key, dict[str, Any]] = {}

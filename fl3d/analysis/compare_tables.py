@@ -40,7 +40,8 @@ def text_of(compared: Compared) -> str:
 def shown_of(compared: Compared) -> Shown:
     """Whom the tables show, and what has to be known beside their numbers."""
     units = compared.held.units
-    is_single = (compared.verdicts["seeds"] == 1).all()
+    # Where copies leave one run, the notes say so.
+    is_single = (compared.verdicts["seeds"] == 1).all() and not compared.verdicts["copies"].any()
     notes = (units.note, *([ONE_RUN.format(units=units.name)] if is_single else []))
     return Shown(compared.held.names, compared.baseline, compared.margin, (*notes, *compared.notes))
 

@@ -100,10 +100,11 @@ class Contributions:
         def make() -> Arrays:
             compared = self._compared(trial, step)
             own = resample(compared, self.units.of_frames, self.n_resamples, self.sweep.classes)
-            return {"values": own.values, "draws": own.draws}
+            detections = np.frombuffer(own.detections.encode(), dtype=np.uint8)
+            return {"values": own.values, "draws": own.draws, "detections": detections}
 
         found = self._kept(trial, step, "resampled", make)
-        return Resampled(found["values"], found["draws"])
+        return Resampled(found["values"], found["draws"], found["detections"].tobytes().decode())
 
     def precision(self, trial: FinishedTrial) -> Float:
         """Precision of a trial's last checkpoint over recall, 3D moderate: (41,)."""

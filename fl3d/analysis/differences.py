@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fl3d.analysis.compare import Compared
-from fl3d.analysis.samples import Float, interval_columns, pair_seeds
+from fl3d.analysis.samples import Float, Measured, Resampled, interval_columns, pair_seeds
 from fl3d.data.label_table import LabelTable
 from fl3d.evaluation.at_score import AtScore, at_score, score_of_alarms
 from fl3d.evaluation.bootstrap import N_RESAMPLES, unit_weights, widened
@@ -127,8 +127,12 @@ def found_by_part(
     for part in parts_of(gt, points):
         drawn = {
             name: {
-                number: _shares(one, part, gt, compared.held.units, n_resamples)
-                for number, one in enumerate(runs)
+                number: Resampled(
+                    *_shares(one, part, gt, compared.held.units, n_resamples), run.det.digest
+                )
+                for number, (one, run) in enumerate(
+                    zip(runs, compared.held.runs[name], strict=True)
+                )
             }
             for name, runs in at.items()
         }
@@ -147,12 +151,15 @@ def found_by_part(
     return pd.DataFrame(rows)
 
 
-Shares = Mapping[int, tuple[Float, Float]]  # of each run (B,), and (R, B) in the resamples
+Shares = Mapping[int, Resampled]  # of each run (B,), and (R, B) in the resamples
 
 
 def _share_columns(side: Shares, base: Shares, place: int) -> dict[str, object]:
-    def of(runs: Shares) -> dict[int, tuple[float, Float]]:
-        return {n: (float(values[place]), draws[:, place]) for n, (values, draws) in runs.items()}
+    def of(runs: Shares) -> dict[int, Measured]:
+        return {
+            n: Measured(float(one.values[place]), one.draws[:, place], one.detections)
+            for n, one in runs.items()
+        }
 
     share, gain = pair_seeds(of(side), of(base))
     return interval_columns("found", interval(share).within_percent()) | interval_columns(

@@ -14,7 +14,7 @@ from fl3d.analysis.contributions import Contributions
 from fl3d.analysis.gains import gains
 from fl3d.analysis.samples import (
     CELLS,
-    Float,
+    Measured,
     Samples,
     pair_seeds,
     resample_mean,
@@ -27,7 +27,7 @@ from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.trials import FinishedTrial
 from fl3d.runs.units import Units, units_of
 
-Drawn = Mapping[str, tuple[float, Float]]
+Drawn = Mapping[str, Measured]
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def sweep_verdicts(
         StoreError: only its scores are here.
         DataError: detections or labels cannot be read.
     """
-    found: dict[str, dict[str, dict[int, tuple[float, Float]]]] = {}
+    found: dict[str, dict[str, dict[int, Measured]]] = {}
     units = units_of(sweep).of_frames
     known = drawn or {}
     whole = sweep.family or sweep
@@ -144,21 +144,20 @@ def draw_trial(
     trial: FinishedTrial,
     units: NDArray[np.int64],
     n_resamples: int = N_RESAMPLES,
-) -> tuple[float, Float]:
-    """Primary metric of a trial's last checkpoint: on the frames as they are, and (R,) in each resample.
+) -> Measured:
+    """Primary metric of a trial's last checkpoint.
 
     Raises:
         StoreError: only its scores are here.
         DataError: detections or labels cannot be read.
     """
     cell, average = primary_place(sweep.settings.sweep)
-    values, draws = resample_mean(
-        sweep.comparison(trial), CELLS[cell], units, n_resamples, sweep.primary_classes
-    )
-    return float(values[average]), draws[:, average]
+    compared = sweep.comparison(trial)
+    values, draws = resample_mean(compared, CELLS[cell], units, n_resamples, sweep.primary_classes)
+    return Measured(float(values[average]), draws[:, average], compared.det.digest)
 
 
-def _pair_levels(levels: Mapping[str, Mapping[int, tuple[float, Float]]], baseline: str) -> Pairs:
+def _pair_levels(levels: Mapping[str, Mapping[int, Measured]], baseline: str) -> Pairs:
     """Each level of a group that shares a seed with the baseline."""
     base = levels.get(baseline, {})
     own = {level: by_seed for level, by_seed in levels.items() if set(by_seed) & set(base)}

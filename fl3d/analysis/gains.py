@@ -41,7 +41,7 @@ def gains(samples: Samples, baseline: str) -> pd.DataFrame:
         a row for each group, level, metric, difficulty and average (R11, R40): ``seeds`` that the baseline has too, of
         ``seeds_done``; over these ``ap`` and ``gain`` with ``_low`` and ``_high``, ``one_r11_step``, and ``marked``:
         whether the gain in R40 differs from zero, from three seeds on, where all cells of the group's table are looked
-        at together.
+        at together. Seeds that have the same detections are counted once (``copies``), and mark nothing.
 
     Raises:
         ConfigError: no group has the baseline.
@@ -52,8 +52,7 @@ def gains(samples: Samples, baseline: str) -> pd.DataFrame:
         own = {level: by_seed for level, by_seed in levels.items() if set(by_seed) & set(base)}
         marked = _marked(own, baseline)
         for level, by_seed in own.items():
-            shared = len(set(by_seed) & set(base))
-            front = {"group": group, "level": level, "seeds": shared, "seeds_done": len(by_seed)}
+            front = {"group": group, "level": level, "seeds_done": len(by_seed)}
             for place, (metric, difficulty) in enumerate(CELLS):
                 if any(np.isnan(one.values[place]).any() for one in by_seed.values()):
                     continue  # a metric that the protocol does not have
@@ -77,7 +76,8 @@ def _cell_rows(
     is_step = is_one_step(*(float(np.mean(gain.values)) for _, gain in found))
     rows = []
     for name, (ap, gain) in zip(AVERAGES, found, strict=True):
-        row: dict[str, object] = {"average": name}
+        row: dict[str, object] = {"average": name, "seeds": len(gain.values)}
+        row["copies"] = bool(gain.copies)
         row |= interval_columns("ap", interval(ap).within_percent()) | interval_columns(
             "gain", interval(gain)
         )
@@ -101,7 +101,9 @@ def _marked(levels: Mapping[str, Mapping[int, Resampled]], baseline: str) -> set
     for level, by_seed in levels.items():
         if level != baseline and len(set(by_seed) & set(base)) >= FEWEST:
             for place in places:
-                family[level, place] = paired(by_seed, base, place, R40)[1]
+                gain = paired(by_seed, base, place, R40)[1]
+                if not gain.copies:
+                    family[level, place] = gain
     found = joint_intervals(list(family.values()))
     return {key for key, one in zip(family, found, strict=True) if one.excludes_zero}
 

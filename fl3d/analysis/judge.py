@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fl3d.analysis.found import draw_trial, sweep_verdicts
-from fl3d.analysis.samples import Float
+from fl3d.analysis.samples import Measured
 from fl3d.analysis.seed_cost import work_seconds
 from fl3d.core.errors import CheckpointError, DataError, StoreError
 from fl3d.evaluation.bootstrap import N_RESAMPLES
@@ -30,7 +30,7 @@ class Judge:
     def __init__(self, say: Callable[[str], None], n_resamples: int = N_RESAMPLES) -> None:
         self._say = say
         self._n_resamples = n_resamples
-        self._drawn: dict[str, tuple[float, Float]] = {}
+        self._drawn: dict[str, Measured] = {}
         self._torn: set[str] = set()
         self._units: NDArray[np.int64] | None = None
 
@@ -55,7 +55,7 @@ class Judge:
                 self._torn.add(trial.key)
         return trial.key in self._drawn
 
-    def _draw(self, sweep: FinishedSweep, trial: FinishedTrial) -> tuple[float, Float]:
+    def _draw(self, sweep: FinishedSweep, trial: FinishedTrial) -> Measured:
         sum(work_seconds(folder) for folder in trial.folders)  # its markers are read too
         if self._units is None:
             self._units = units_of(sweep).of_frames

@@ -143,15 +143,14 @@ def hold(
         mapping: folder of KITTI's mapping of frames to drives; None: ``mapping`` beside ``training``, if it is there.
 
     Raises:
-        ConfigError: fewer than two detectors, or two of one name.
+        ConfigError: fewer than two detectors, two of one name, or a folder that stands for two runs.
         DataError: a folder or file is missing, malformed, or of other frames than the others.
     """
     names = [detector.name for detector in detectors]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ConfigError(f"two detectors are named '{twice[0]}'; name them apart: NAME=FOLDER")
-    for one in detectors:
-        _refuse_twice(one)
+    _refuse_twice(detectors)
     if len(names) < 2:
         raise ConfigError("a comparison needs two detectors at least")
     of_folders = {
@@ -187,14 +186,22 @@ def _check_mapping(folder: Path | None) -> None:
         )
 
 
-def _refuse_twice(detector: Detector) -> None:
-    """A folder that stands for two runs would make a detector surer than it is."""
-    places = [folder.resolve() for folder in detector.folders]
-    twice = [
-        f for f, place in zip(detector.folders, places, strict=True) if places.count(place) > 1
-    ]
-    if twice:
-        raise ConfigError(f"{detector.name}: {twice[0]} stands for two of its runs")
+def _refuse_twice(detectors: Sequence[Detector]) -> None:
+    """A folder that stands for two runs would make a detector surer than it is, or be held against itself."""
+    seen: dict[Path, tuple[str, Path]] = {}
+    for one in detectors:
+        for folder in one.folders:
+            place = folder.resolve()
+            if place not in seen:
+                seen[place] = one.name, folder
+                continue
+            name, first = seen[place]
+            if name == one.name:
+                raise ConfigError(f"{name}: {folder} stands for two of its runs")
+            raise ConfigError(
+                f"{one.name}: {folder} is the folder that stands for a run of {name} ({first}); "
+                "name a folder of its own"
+            )
 
 
 def _frames(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +30,26 @@ class Resampled:
     Args:
         values: (9, 2) on the frames as they are; NaN where the protocol has no such metric.
         draws: (R, 9, 2) in each resample.
+        detections: digest of what was detected; empty: nothing was, or it is not known.
     """
 
     values: Float
     draws: Float
+    detections: str = ""
+
+
+class Measured(NamedTuple):
+    """A number of one run of training.
+
+    Args:
+        value: on the frames as they are.
+        draws: (R,) in each resample.
+        detections: see ``Resampled``.
+    """
+
+    value: float
+    draws: Float
+    detections: str = ""
 
 
 Samples = Mapping[str, Mapping[str, Mapping[int, Resampled]]]
@@ -83,7 +100,9 @@ def resample(
         for cell in CELLS
     ]
     return Resampled(
-        np.stack([values for values, _ in found]), np.stack([draws for _, draws in found], axis=1)
+        np.stack([values for values, _ in found]),
+        np.stack([draws for _, draws in found], axis=1),
+        comparison.det.digest,
     )
 
 
@@ -131,30 +150,47 @@ def paired(
         average: place in ``AVERAGES``.
     """
 
-    def drawn(by_seed: Mapping[int, Resampled]) -> dict[int, tuple[float, Float]]:
+    def drawn(by_seed: Mapping[int, Resampled]) -> dict[int, Measured]:
         return {
-            seed: (float(one.values[cell, average]), one.draws[:, cell, average])
+            seed: Measured(
+                float(one.values[cell, average]), one.draws[:, cell, average], one.detections
+            )
             for seed, one in by_seed.items()
         }
 
     return pair_seeds(drawn(side), drawn(base))
 
 
-def pair_seeds(
-    side: Mapping[int, tuple[float, Float]], base: Mapping[int, tuple[float, Float]]
-) -> tuple[Sample, Sample]:
-    """AP and gain over the seeds that both sides have; of each seed a value, and (R,) draws under common weights."""
-    seeds = sorted(set(side) & set(base))
-    values = np.array([side[seed][0] for seed in seeds])
-    draws = np.stack([side[seed][1] for seed in seeds])
-    base_values = np.array([base[seed][0] for seed in seeds])
-    base_draws = np.stack([base[seed][1] for seed in seeds])
-    return _sample(values, draws), _sample(values - base_values, draws - base_draws)
+def pair_seeds(side: Mapping[int, Measured], base: Mapping[int, Measured]) -> tuple[Sample, Sample]:
+    """AP and gain over the seeds that both sides have, under common weights; of copies the first alone counts.
+
+    The gain's ``copies`` are those of either side.
+    """
+    shared = sorted(set(side) & set(base))
+    own, others = (_copies(runs, shared) for runs in (side, base))
+    again = {seed for copies in (*own, *others) for seed in copies[1:]}
+    seeds = [seed for seed in shared if seed not in again]
+    values = np.array([side[seed].value for seed in seeds])
+    draws = np.stack([side[seed].draws for seed in seeds])
+    base_values = np.array([base[seed].value for seed in seeds])
+    base_draws = np.stack([base[seed].draws for seed in seeds])
+    gain = _sample(values - base_values, draws - base_draws, [*own, *others])
+    return _sample(values, draws, own), gain
 
 
-def _sample(values: Float, draws: Float) -> Sample:
+def _copies(runs: Mapping[int, Measured], seeds: Sequence[int]) -> list[tuple[int, ...]]:
+    """Seeds whose runs have detected the same to the digit, and anything at all: one run under several seeds."""
+    alike: dict[str, list[int]] = {}
+    for seed in seeds:
+        if runs[seed].detections:
+            alike.setdefault(runs[seed].detections, []).append(seed)
+    return [tuple(own) for own in alike.values() if len(own) > 1]
+
+
+def _sample(values: Float, draws: Float, copies: Sequence[tuple[int, ...]]) -> Sample:
     """Of the draws of each seed, (S, R)."""
-    return Sample(values, draws.mean(axis=0), lasting_share(draws))
+    first = copies[0] if copies else ()
+    return Sample(values, draws.mean(axis=0), lasting_share(draws), first)
 
 
 def interval_columns(name: str, one: Interval) -> dict[str, object]:

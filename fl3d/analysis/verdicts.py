@@ -73,8 +73,9 @@ def judge(
     Returns:
         a row for each group with the baseline and each of its levels: ``seeds``, ``ap`` and ``gain`` with ``_low`` and
         ``_high`` (the gain's hold for all levels of the group at once), ``spread`` of the gain between seeds,
-        ``verdict``, ``more_seeds`` that would probably decide (NaN: none needed, or not to be had by seeds), and
-        ``open``: whether there is no verdict and more seeds may bring one.
+        ``verdict``, ``more_seeds`` that would probably decide (NaN: none needed, or not to be had by seeds),
+        ``open``: whether there is no verdict and more seeds may bring one, and ``copies``: seeds that have the same
+        detections, in words, which leave their level without a verdict; they are counted once.
     """
     rows = []
     for group, levels in pairs.items():
@@ -110,6 +111,7 @@ def judge_group(
         row: dict[str, object] = {
             "seeds": len(gain.values),
             **interval_columns("ap", interval(ap).within_percent()),
+            "copies": _copies_text(ap, gain),
         }
         if level == baseline:
             zero = Interval(0.0, 0.0, 0.0)
@@ -122,10 +124,17 @@ def judge_group(
             continue
         one = found[level]
         is_empty = not ap.values.any() and not gain.values.any()
-        word = Verdict.NONE if is_empty else verdict_of(one, len(gain.values), margin)
+        has_none = is_empty or bool(gain.copies)
+        word = Verdict.NONE if has_none else verdict_of(one, len(gain.values), margin)
         row |= {**interval_columns("gain", one), "spread": gain.spread, "verdict": word}
         rows[level] = row | _outlook(gain, family, margin, word, looks, error)
     return rows
+
+
+def _copies_text(ap: Sample, gain: Sample) -> str:
+    """Seeds that are no runs of their own: ``seeds 0, 1, 2``, ``the baseline's seeds 0, 1``; or nothing."""
+    whose = "" if ap.copies else "the baseline's "
+    return f"{whose}seeds {', '.join(map(str, gain.copies))}" if gain.copies else ""
 
 
 def _outlook(
@@ -138,6 +147,8 @@ def _outlook(
 ) -> dict[str, object]:
     """How many more seeds would probably decide, and whether they may: ``more_seeds`` and ``open``."""
     n_seeds = len(gain.values)
+    if gain.copies:  # further seeds of what does not read its seed are copies too
+        return {"more_seeds": float("nan"), "open": False}
     if word.is_final or n_seeds < 2:
         return {"more_seeds": float("nan"), "open": not word.is_final}
     draws = np.stack([one.draws for one in family.values()], axis=1)

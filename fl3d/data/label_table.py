@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +36,16 @@ class LabelTable:
 
     def __len__(self) -> int:
         return len(self.offsets) - 1
+
+    @cached_property
+    def digest(self) -> str:
+        """Identity of all objects and of the frames that they are in; empty where there is no object."""
+        if not len(self.types):
+            return ""
+        found = hashlib.sha256(repr(self.others).encode())
+        for column in (self.offsets, self.types, self.values):
+            found.update(np.ascontiguousarray(column).tobytes())
+        return found.hexdigest()
 
     def of(self, name: str) -> NDArray[np.bool_]:
         """Which objects are of a class: (N,); KITTI's in whatever case, others as they are spelled."""

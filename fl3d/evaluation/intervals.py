@@ -63,11 +63,14 @@ class Sample:
         values: (S,) of each seed, on the frames as they are.
         draws: (R,) the mean over these seeds in each resample of the frames.
         lasting: share of the draws' variance that is the same for all seeds, see ``lasting_share``; 0: none is known.
+        copies: seeds whose detections are the same, of the number or of what it is a gain over: they are one run of
+            training under several seeds, and are counted once; from such seeds comes no verdict.
     """
 
     values: Float
     draws: Float
     lasting: float = 0.0
+    copies: tuple[int, ...] = ()
 
     @property
     def spread(self) -> float:

@@ -100,6 +100,9 @@ def _without_boxes(name: str, metric: str) -> tuple[Cell, ...]:
 
 
 def _word(row: Row, margin: float) -> str:
+    if row.get("copies") and row["verdict"] != Verdict.BASELINE:
+        copies = str(row["copies"]).replace("seed", "run")
+        return f"no verdict: {copies} have the same detections, and count as one"
     return verdict_text(row, margin).replace("seed", "run")
 
 

@@ -64,9 +64,7 @@ def with_intervals(
     is_marked = marks and any(row["marked"] for row in shown)
     legend = "; ".join([LEGEND.format(bold=bold), *([STAR] if is_marked else [])])
     told = {str(row["row"]) for row in shown} & set(shared)
-    counts = [
-        f"{key}: {shared[key]['seeds']} of {shared[key]['seeds_done']}" for key in sorted(told)
-    ]
+    counts = [f"{key}: {_shared_text(shared[key])}" for key in sorted(told)]
     notes = (
         *table.notes,
         *((f"{SHARED} ({'; '.join(counts)}).",) if counts else ()),
@@ -75,6 +73,12 @@ def with_intervals(
     return table.as_view(
         "intervals", columns=columns, rows=tuple(rows), legend=legend, notes=notes, csv_order=()
     )
+
+
+def _shared_text(row: Mapping[Hashable, Any]) -> str:
+    """``3 of 5``; of seeds with the same detections the first alone counts."""
+    copied = ", copies counted once" if row.get("copies") else ""
+    return f"{row['seeds']} of {row['seeds_done']}{copied}"
 
 
 def _of_shared_seeds(table: Table, cells: list[Cell], row: Mapping[Hashable, Any]) -> list[Cell]:

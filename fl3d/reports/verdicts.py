@@ -33,6 +33,8 @@ def verdict_text(row: Row, margin: float) -> str:
     verdict = Verdict(row["verdict"])
     if verdict is Verdict.BASELINE:
         return "baseline"
+    if row.get("copies"):
+        return f"none: {row['copies']} have the same detections: does the program read its seed?"
     if verdict is Verdict.NONE and row["seeds"] >= FEWEST and row["ap"] == 0:
         return "none: neither finds anything (AP 0)"
     if verdict is Verdict.NONE:
@@ -58,6 +60,8 @@ def verdict_word(row: Row) -> str:
     """A verdict in a word or two, for a column of a wide table."""
     verdict = Verdict(row["verdict"])
     if verdict is Verdict.NONE:
+        if row.get("copies"):
+            return "copies"
         if row["seeds"] >= FEWEST and row["ap"] == 0:
             return "AP 0"
         return "frames only" if row["seeds"] == 1 else "too few seeds"
@@ -131,9 +135,9 @@ def in_short(verdicts: pd.DataFrame, levels: Levels) -> str:
     found = []
     for group, own in verdicts.groupby("group"):
         others = levels.sorted(own[own["verdict"] != Verdict.BASELINE])
-        named: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
+        named: dict[Verdict, list[Row]] = {verdict: [] for verdict in Verdict}
         for row in others.to_dict("records"):
-            named[Verdict(row["verdict"])].append(str(row["level"]))
+            named[Verdict(row["verdict"])].append(row)
         parts = [_count(verdict, of, levels) for verdict, of in named.items() if of]
         found.append(f"{group}: {', '.join(parts) or ALONE}.")
     return " ".join(found)
@@ -176,15 +180,28 @@ def _open(rows: Sequence[Row], levels: Levels, margin: float) -> list[str]:
             more = f": {level}" if is_alone else f", of which {level} needs the fewest seeds"
             more += f", {words}"
         parts.append(f"{len(undecided)} undecided{more}")
-    silent = sum(row["verdict"] == Verdict.NONE for row in rows)
-    return [*parts, f"{silent} without a verdict"] if silent else parts
+    silent = [row for row in rows if row["verdict"] == Verdict.NONE]
+    if silent:
+        parts.append(f"{len(silent)} without a verdict{_why_copied(silent, levels)}")
+    return parts
 
 
-def _count(verdict: Verdict, labels: list[str], levels: Levels) -> str:
-    word = "without a verdict" if verdict is Verdict.NONE else str(verdict)
+def _why_copied(rows: Sequence[Row], levels: Levels) -> str:
+    """Levels that have no verdict since their seeds are copies: `` (γ = 2: seeds 0, 1 have the same detections)``."""
+    told = [
+        f"{levels.text(str(row['level']))}: {row['copies']} have the same detections"
+        for row in rows
+        if row.get("copies")
+    ]
+    return f" ({'; '.join(told)})" if told else ""
+
+
+def _count(verdict: Verdict, rows: Sequence[Row], levels: Levels) -> str:
+    if verdict is Verdict.NONE:
+        return f"{len(rows)} without a verdict{_why_copied(rows, levels)}"
     if verdict.is_final:
-        return f"{levels.text(', '.join(labels))} {word}"
-    return f"{len(labels)} {word}"
+        return f"{levels.text(', '.join(str(row['level']) for row in rows))} {verdict}"
+    return f"{len(rows)} {verdict}"
 
 
 def seeds_text(verdicts: pd.DataFrame) -> str:

@@ -7,9 +7,11 @@ import pandas as pd
 import pytest
 
 from fl3d.analysis.compare import Compared, compare_detectors
+from fl3d.analysis.compare_tables import text_of
 from fl3d.analysis.detectors import Detector
 from fl3d.analysis.result_folders import hold
 from fl3d.core.errors import ConfigError, DataError
+from fl3d.evaluation.verdicts import Verdict
 from tests.analysis.result_files import (
     BARE,
     FLAT,
@@ -113,6 +115,31 @@ def test_copied_runs_are_told(tmp_path: Path) -> None:
     copies = tuple(write_results(tmp_path / f"copy{i}", 20) for i in range(3))
     found = compared(write_labels_of(tmp_path), a, Detector("b", copies))
     assert found.notes == ("Runs of b have the same detections: they are no runs of their own.",)
+    row = verdict(found, "b")
+    assert (row["verdict"], row["seeds"]) == (Verdict.NONE, 1)
+    assert row["gain"] == pytest.approx(25.0)  # 20 of 20 and 10 of 20: 19 and 9 samples of 40
+    assert not found.cells["marked"].any()
+    text = text_of(found)
+    assert "b: no verdict: runs 1, 2, 3 have the same detections, and count as one." in text
+    assert "**" not in text
+    assert "better" not in text.partition("Better, worse")[0]
+
+
+def test_copied_runs_of_the_baseline_are_told_of_the_others(tmp_path: Path) -> None:
+    copies = tuple(write_results(tmp_path / f"copy{i}", 20) for i in range(3))
+    b = runs(tmp_path, "b", [10, 11, 12])
+    found = compared(write_labels_of(tmp_path), Detector("a", copies), b)
+    assert verdict(found, "b")["verdict"] == Verdict.NONE
+    assert "b: no verdict: the baseline's runs 1, 2, 3 have the same" in text_of(found)
+
+
+def test_one_folder_under_two_names_is_refused(tmp_path: Path) -> None:
+    labels = write_labels_of(tmp_path)
+    a = runs(tmp_path, "a", [10, 11])
+    again = Detector("b", (tmp_path / "other" / ".." / a.folders[1].name,))
+    (tmp_path / "other").mkdir()
+    with pytest.raises(ConfigError, match=r"b: \S+a1 is the folder that stands for a run of a"):
+        hold(labels, [a, again], protocol())
 
 
 def test_a_run_that_finds_nothing_is_named(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Gains over the baseline, with intervals: of whatever was swept."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,13 @@ def compared(noise: float) -> Comparisons:
     }
 
 
+def halved_scores(one: Comparison) -> Comparison:
+    """The same boxes in the same order with other scores."""
+    values = one.det.values.copy()
+    values[:, 14] /= 2
+    return replace(one, det=replace(one.det, values=values))
+
+
 def found_gains(of: Comparisons, baseline: str, n_resamples: int = 10) -> pd.DataFrame:
     return gains(resample_sweep(of, n_resamples=n_resamples), baseline)
 
@@ -90,10 +98,33 @@ def test_a_level_that_shares_no_seed_with_the_baseline_is_left_out() -> None:
     assert set(table["level"]) == {"0"}
 
 
+def test_seeds_with_the_same_detections_are_one_seed() -> None:
+    """Seeds 0 and 1 of gamma = 2 are copies; the baseline's differ, and its gain has both."""
+    side = compared(0.3)["VoxelNet"]
+    base = {0: side["0"][0], 1: halved_scores(side["0"][0])}
+    table = found_gains({"VoxelNet": {"0": base, "2": side["2"]}}, "0")
+    own = table[table["level"] == "2"]
+    assert set(own["seeds"]) == {1}
+    assert set(own["seeds_done"]) == {2}
+    assert own["copies"].all()
+    assert set(table[table["level"] == "0"]["seeds"]) == {2}
+    assert not table[table["level"] == "0"]["copies"].any()
+
+
+def test_of_many_seeds_two_that_are_copies_take_all_stars_away() -> None:
+    levels = {"0": seeds_of(0.0, 4), "2": seeds_of(20.0, 4)}
+    assert gains({"VoxelNet": levels}, "0")["marked"].any()
+    copied = {seed: replace(one, detections=str(seed // 2)) for seed, one in levels["2"].items()}
+    found = gains({"VoxelNet": {**levels, "2": copied}}, "0")
+    assert not found["marked"].any()
+    assert set(found[found["level"] == "2"]["seeds"]) == {2}
+
+
 def test_seeds_are_averaged_and_those_that_the_baseline_lacks_are_left_out() -> None:
     side = compared(0.3)["VoxelNet"]
-    base = {0: side["0"][0], 2: side["0"][0]}
-    table = found_gains({"VoxelNet": {"0": base, "2": {**side["2"], 2: side["0"][0]}}}, "0")
+    again = halved_scores(side["0"][0])  # the same AP, and no copy
+    base = {0: side["0"][0], 2: again}
+    table = found_gains({"VoxelNet": {"0": base, "2": {**side["2"], 2: again}}}, "0")
     moderate = table[
         (table["metric"] == "3d")
         & (table["difficulty"] == "moderate")

@@ -1,6 +1,7 @@
 """What a sweep has found, from made-up samples and from made-up detections."""
 
 import math
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,9 +19,11 @@ from fl3d.core.errors import ConfigError, StoreError
 from fl3d.core.records import Trial
 from fl3d.evaluation.intervals import member_alpha
 from fl3d.evaluation.verdicts import Verdict
-from fl3d.reports.verdicts import verdict_text
+from fl3d.papers.judged_views import tables_of_verdicts
+from fl3d.reports.render import to_markdown
+from fl3d.reports.verdicts import findings, in_short, verdict_text
 from fl3d.runs.asked import asked_for
-from fl3d.runs.finished import FinishedSweep
+from fl3d.runs.finished import FinishedSweep, levels_of
 from tests.analysis.making import detected_sweep, without
 from tests.papers.making import Made, aps, finished_sweep
 
@@ -319,6 +322,75 @@ def test_scores_alone_have_no_verdict() -> None:
     made = [Made(overrides=(f"loss.gamma={gamma}",), scores={1: aps(gamma)}) for gamma in (0, 2)]
     with pytest.raises(StoreError, match="only its scores are here"):
         judge_sweep(finished_sweep(("detector=voxelnet",), made))
+
+
+def test_seeds_with_the_same_detections_are_no_runs_of_their_own() -> None:
+    """A program that ignores its seed gains 2 AP three times: what is known is one run, and its frames."""
+    same = {seed: replace(one, detections="a") for seed, one in level_of([2.0] * 3).items()}
+    differs = {seed: replace(one, detections=str(seed)) for seed, one in same.items()}
+    base = {seed: replace(one, detections=f"b{seed}") for seed, one in base_of(3).items()}
+    found = judged({"0": base, "2": same, "5": differs})
+    assert found["verdict"].tolist() == [Verdict.BASELINE, Verdict.NONE, Verdict.BETTER]
+    row = found.loc["2"]
+    assert (row["seeds"], row["gain"], row["copies"]) == (1, 2.0, "seeds 0, 1, 2")
+    assert (row["gain_low"], row["gain_high"]) == pytest.approx((1.9, 2.1), abs=0.02)
+    assert not row["open"]
+    assert math.isnan(row["more_seeds"])
+    text = "none: seeds 0, 1, 2 have the same detections: does the program read its seed?"
+    assert verdict_text(found.reset_index().to_dict("records")[1], 1.0) == text
+
+
+def test_copies_of_the_baseline_leave_every_level_without_a_verdict() -> None:
+    same = {seed: replace(one, detections="b") for seed, one in base_of(3).items()}
+    found = judged({"0": same, "2": level_of([9.0, 10.0, 11.0])})
+    row = found.loc["2"]
+    assert (row["verdict"], row["seeds"], row["gain"]) == (Verdict.NONE, 1, 9.0)
+    assert row["copies"] == "the baseline's seeds 0, 1, 2"
+    assert found.loc["0", "seeds"] == 1
+
+
+def test_two_copies_among_several_seeds_leave_no_verdict_either() -> None:
+    own = level_of([9.0, 10.0, 11.0, 10.0, 10.0])
+    copied = {seed: replace(one, detections=f"{min(seed, 3)}") for seed, one in own.items()}
+    row = judged({"0": base_of(5), "2": copied}).loc["2"]
+    assert (row["verdict"], row["seeds"], row["copies"]) == (Verdict.NONE, 4, "seeds 3, 4")
+
+
+def test_runs_that_find_nothing_are_no_copies() -> None:
+    """A network that has collapsed finds nothing three times: it is worse, and no copy of itself."""
+    nothing = {seed: Resampled(np.zeros((9, 2)), np.zeros((50, 9, 2))) for seed in range(3)}
+    base = {
+        seed: Resampled(np.full((9, 2), 50.0 + seed), np.full((50, 9, 2), 50.0 + seed))
+        for seed in range(3)
+    }
+    row = judged({"0": base, "2": nothing}).loc["2"]
+    assert (row["verdict"], row["copies"]) == (Verdict.WORSE, "")
+
+
+def test_a_sweep_of_a_program_that_ignores_its_seed_has_no_verdict(
+    simulated: Path, tmp_path: Path
+) -> None:
+    sweep = detected_sweep(
+        simulated, tmp_path, POINTS, lambda trial: 0.0, "detector=voxelnet", "sweep.name=copied"
+    )
+    first = next(one for one in sweep.trials if (one.level, one.seed) == ("2", 0))
+    for trial in sweep.trials:
+        if trial.level == "2" and trial.seed > 0:
+            path = trial.folder.detections(trial.last_step)
+            shutil.copy(first.folder.detections(first.last_step), path)
+    alone = sweep_verdicts(sweep, n_resamples=50)
+    found = judge_sweep(sweep, n_resamples=50)
+    pd.testing.assert_frame_equal(alone, found.verdicts)
+    again = judge_sweep(sweep, n_resamples=50)  # from what was kept
+    pd.testing.assert_frame_equal(again.verdicts, found.verdicts)
+    row = found.verdicts.set_index("level").loc["2"]
+    assert (row["verdict"], row["seeds"], row["copies"]) == (Verdict.NONE, 1, "seeds 0, 1, 2")
+    assert not found.gains["marked"].any()
+    said = findings(found.verdicts, levels_of(sweep), 1.0)[0]
+    assert "γ = 2: seeds 0, 1, 2 have the same detections" in said
+    assert "without a verdict (γ = 2: seeds 0, 1, 2" in in_short(found.verdicts, levels_of(sweep))
+    table = tables_of_verdicts(found, levels_of(sweep))[0]
+    assert "none: seeds 0, 1, 2 have the same detections" in to_markdown(table)
 
 
 def test_two_networks_that_find_nothing_are_not_called_equivalent() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fl3d.analysis import AVERAGES
-from fl3d.analysis.samples import CELLS, Resampled
+from fl3d.analysis.samples import CELLS, Measured, Resampled
 from fl3d.papers.claim import Claim
 from fl3d.papers.course_report.cells import Cells, our_cells
 from fl3d.papers.course_report.claims import claims_of
@@ -118,7 +118,9 @@ def test_ours_are_read_from_the_sweeps_of_each_table() -> None:
 
 
 def seeds(place: Place, column: str, *values: float) -> Cells:
-    return {(place, column): {n: (value, np.full(4, value)) for n, value in enumerate(values)}}
+    return {
+        (place, column): {n: Measured(value, np.full(4, value)) for n, value in enumerate(values)}
+    }
 
 
 def test_three_seeds_are_judged_by_intervals_that_hold_at_once() -> None:
@@ -167,7 +169,7 @@ def test_models_that_were_chosen_on_the_frames_are_not_judged() -> None:
 
 
 def test_sides_without_a_common_seed_say_nothing() -> None:
-    ours = seeds(DEFAULT, LEVELS[1], 60.0) | {(ALPHA, LEVELS[1]): {7: (61.0, np.zeros(4))}}
+    ours = seeds(DEFAULT, LEVELS[1], 60.0) | {(ALPHA, LEVELS[1]): {7: Measured(61.0, np.zeros(4))}}
     assert told("α = 0.3", ours).ours == ""
 
 

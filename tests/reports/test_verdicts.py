@@ -16,6 +16,7 @@ from fl3d.reports.verdicts import (
     seeds_text,
     verdict_tables,
     verdict_text,
+    verdict_word,
 )
 from tests.reports.verdict_rows import verdict_rows
 
@@ -60,6 +61,10 @@ def row(verdict: Verdict, **changes: object) -> dict[str, object]:
             "undecided, about 2 more seeds, less than a minute of work",
         ),
         (row(Verdict.NONE, seeds=1), "frames only, not training"),
+        (
+            row(Verdict.NONE, seeds=1, copies="seeds 0, 1"),
+            "none: seeds 0, 1 have the same detections: does the program read its seed?",
+        ),
         (
             row(Verdict.NONE, seeds=2, more_seeds=3.0),
             "no verdict before 3 seeds, about 3 more seeds",
@@ -181,3 +186,8 @@ def test_a_group_of_which_only_the_baseline_is_done_is_told_so() -> None:
     assert findings(alone, GAMMAS, 1)[0] == (
         "3D-FCN, against γ = 0, 3d_r40/moderate: no other level is done."
     )
+
+
+def test_copies_have_a_word_of_their_own_in_a_wide_table() -> None:
+    assert verdict_word(row(Verdict.NONE, seeds=1, copies="seeds 0, 1")) == "copies"
+    assert verdict_word(row(Verdict.NONE, seeds=1)) == "frames only"

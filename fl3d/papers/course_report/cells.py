@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fl3d.analysis import AVERAGES
 from fl3d.analysis.contributions import Contributions
-from fl3d.analysis.samples import CELLS
+from fl3d.analysis.samples import CELLS, Measured
 from fl3d.papers.course_report.frustum_tables import (
     DETECTORS,
     FRUSTUM,
@@ -25,10 +24,9 @@ from fl3d.papers.course_report.sentences import Place
 from fl3d.runs.trials import FinishedTrial
 
 R40 = AVERAGES.index("R40")
-# Of each seed a value, and (R,) the same in each resample of the frames; of a recall, which is not resampled, R = 1.
-Seeds = Mapping[int, tuple[float, NDArray[np.float64]]]
+Seeds = Mapping[int, Measured]  # by seed; of a recall, which is not resampled, there is one draw
 Cells = Mapping[tuple[Place, str], Seeds]  # by row and column
-Drawn = dict[tuple[Place, str], dict[int, tuple[float, NDArray[np.float64]]]]  # being filled
+Drawn = dict[tuple[Place, str], dict[int, Measured]]  # being filled
 
 
 def our_cells(sources: Sequence[Contributions]) -> Cells:
@@ -50,7 +48,7 @@ def _feeding(sources: Sequence[Contributions], name: str) -> list[Contributions]
 
 
 def _unresampled(values: Mapping[int, float]) -> Seeds:
-    return {int(seed): (float(value), np.array([value])) for seed, value in values.items()}
+    return {int(seed): Measured(float(value), np.array([value])) for seed, value in values.items()}
 
 
 def _of_frustum(sources: Sequence[Contributions]) -> Cells:
@@ -87,7 +85,8 @@ def _draw(
     for level in LEVELS:
         cell = CELLS.index(("3d", KITTI_LEVEL[level]))
         by_seed = found.setdefault((place, f"3d_{level}"), {})
-        by_seed[trial.seed] = (float(drawn.values[cell, R40]), drawn.draws[:, cell, R40])
+        value, draws = float(drawn.values[cell, R40]), drawn.draws[:, cell, R40]
+        by_seed[trial.seed] = Measured(value, draws, drawn.detections)
 
 
 def _of_detectors(sources: Sequence[Contributions]) -> Cells:

@@ -88,4 +88,5 @@ def _draw(axes: Axes, place: int, row: Mapping[Hashable, Any], reach: float) -> 
     if abs(x) > reach / 2:
         x, side = (row["gain_high"], "right") if x > 0 else (row["gain_low"], "left")
     look = {"fontsize": 5.5, "ha": side, "va": "bottom", "color": "0.15", "path_effects": [HALO]}
-    axes.annotate(f"{gain_text(row, 1)}  n = {row['seeds']}", (x, place - 0.2), **look)
+    count = f"n = {row['seeds']}{', copies' if row.get('copies') else ''}"
+    axes.annotate(f"{gain_text(row, 1)}  {count}", (x, place - 0.2), **look)
