@@ -73,6 +73,7 @@ def notes_on(held: Held, baseline: str, classes: Sequence[str], asked: Sequence[
         asked: classes that were asked for.
     """
     notes = [held.lacks(name, class_name) for name in held.names for class_name in classes]
+    notes += [held.collapsed(name, class_name) for name in held.names for class_name in classes]
     for name in held.names:
         if _are_alike(held.runs[name]):
             notes.append(f"Runs of {name} have the same detections: they are no runs of their own.")

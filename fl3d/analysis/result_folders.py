@@ -76,14 +76,28 @@ class Held:
         return [f"{name}: {text}{more[kind]}" for kind, text in first.items()]
 
     def metrics(self, name: str, class_name: str) -> tuple[str, ...]:
-        """Metrics of the protocol for which every run of a detector has boxes of a class, see ``metrics_of``.
+        """Metrics of the protocol for which every run of a detector that finds a class has boxes, see ``metrics_of``.
 
-        None where the protocol goes by heights in the picture and there are no 2D boxes: by it, none would count.
+        A run that finds nothing has AP 0 in all of them. None where no run finds any, or where the protocol goes by
+        heights in the picture and there are no 2D boxes: by it, none would count.
         """
-        own = [metrics_of(one.det, class_name) for one in self.runs[name]]
-        if self.protocol.uses_picture and not all("image" in have for have in own):
+        own = [metrics_of(one.det, class_name) for one in self._finding(name, class_name)]
+        if not own or (self.protocol.uses_picture and not all("image" in have for have in own)):
             return ()
         return tuple(m for m in self.protocol.metrics if all(m in have for have in own))
+
+    def _finding(self, name: str, class_name: str) -> list[Comparison]:
+        """Runs of a detector that have any detection of a class."""
+        return [one for one in self.runs[name] if one.det.of(class_name).any()]
+
+    def collapsed(self, name: str, class_name: str) -> str:
+        """Which runs of a detector find nothing of a class that others of its runs find, as a sentence; or nothing."""
+        found = [one.det.of(class_name).any() for one in self.runs[name]]
+        if all(found) or not any(found):
+            return ""
+        pairs = zip(self._folders(name), found, strict=True)
+        empty = ", ".join(str(folder) for folder, has_any in pairs if not has_any)
+        return f"{name} has no detection of {class_name} in {empty}: AP 0 there."
 
     def counts(self, class_name: str) -> bool:
         """Whether any ground truth of a class counts."""
@@ -97,14 +111,11 @@ class Held:
     def lacks(self, name: str, class_name: str) -> str:
         """Of which of the protocol's metrics a detector has no boxes of a class, and why, as a sentence; or nothing."""
         own = self.metrics(name, class_name)
-        have = [metrics_of(one.det, class_name) for one in self.runs[name]]
         lacking = [VIEWS[metric] for metric in self.protocol.metrics if metric not in own]
         if not lacking:
             return ""
-        if not all(have):
-            empty = [run for run, one in zip(self._folders(name), have, strict=True) if not one]
-            where = "" if len(empty) == len(have) else f" in {', '.join(map(str, empty))}"
-            return f"{name} has no detection of {class_name}{where}: no AP and no gain."
+        if not self._finding(name, class_name):
+            return f"{name} has no detection of {class_name}: no AP and no gain."
         if not own:
             return (
                 f"{name} has no 2D boxes of {class_name}, and protocol {self.protocol.name} goes by their heights: "

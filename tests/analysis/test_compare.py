@@ -9,6 +9,7 @@ import pytest
 from fl3d.analysis.compare import Compared, compare_detectors
 from fl3d.analysis.compare_tables import text_of
 from fl3d.analysis.detectors import Detector
+from fl3d.analysis.differences import found_by_part
 from fl3d.analysis.result_folders import hold
 from fl3d.core.errors import ConfigError, DataError
 from fl3d.evaluation.verdicts import Verdict
@@ -142,10 +143,37 @@ def test_one_folder_under_two_names_is_refused(tmp_path: Path) -> None:
         hold(labels, [a, again], protocol())
 
 
-def test_a_run_that_finds_nothing_is_named(tmp_path: Path) -> None:
+def test_a_run_that_finds_nothing_has_ap_0_and_is_named(tmp_path: Path) -> None:
+    """As in a sweep: of three runs two find all, 19 of 40 samples, and one has collapsed."""
     a, b = runs(tmp_path, "a", [10, 10, 10]), runs(tmp_path, "b", [20, 0, 20])
-    with pytest.raises(ConfigError, match=r"b has no detection of Car in \S+/b1: no AP"):
+    found = compared(write_labels_of(tmp_path), a, b)
+    for metric in ("image", "bev", "3d"):
+        assert cell(found, "b", metric)["ap"] == pytest.approx(2 / 3 * 19 / 40 * 100)
+    row = verdict(found, "b")
+    assert (row["seeds"], row["gain"]) == (3, pytest.approx((25 - 22.5 + 25) / 3))
+    assert row["verdict"] == Verdict.UNDECIDED
+    assert found.notes == (f"b has no detection of Car in {b.folders[1]}: AP 0 there.",)
+    shares = found_by_part(found, "Car", n_resamples=50)
+    own = shares[(shares["detector"] == "b") & (shares["bin"] == "20–30 m")].iloc[0]
+    assert own["found"] == pytest.approx(200 / 3)
+
+
+def test_a_detector_that_finds_nothing_in_any_run_has_no_ap(tmp_path: Path) -> None:
+    a, b = runs(tmp_path, "a", [10, 10, 10]), runs(tmp_path, "b", [0, 0, 0])
+    with pytest.raises(ConfigError, match=r"b has no detection of Car: no AP and no gain"):
         compared(write_labels_of(tmp_path), a, b)
+
+
+def test_a_collapsed_run_makes_no_3d_boxes_of_2d_ones(tmp_path: Path) -> None:
+    flat = (
+        write_results(tmp_path / "flat", 20, lambda _: FLAT),
+        write_results(tmp_path / "none", 0),
+    )
+    found = compared(
+        write_labels_of(tmp_path), runs(tmp_path, "whole", [10, 11]), Detector("flat", flat)
+    )
+    assert cell(found, "flat", "3d")[["ap", "gain"]].isna().all()
+    assert cell(found, "flat", "image")["ap"] == pytest.approx(19 / 80 * 100)
 
 
 def test_2d_boxes_alone_have_no_3d_gain_and_it_is_said(tmp_path: Path) -> None:
