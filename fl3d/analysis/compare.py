@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from fl3d.analysis import AVERAGES, MARGIN
@@ -24,14 +23,13 @@ from fl3d.analysis.samples import (
 from fl3d.analysis.verdicts import judge_group
 from fl3d.core.errors import ConfigError, options
 from fl3d.evaluation.bootstrap import N_RESAMPLES
-from fl3d.evaluation.intervals import Interval, Sample, interval, joint_intervals
+from fl3d.evaluation.intervals import NO_INTERVAL, Interval, Sample, interval, joint_intervals
 from fl3d.evaluation.verdicts import FEWEST
 
 Cell = tuple[str, str]  # metric and difficulty
 Key = tuple[str, Cell]  # of a detector
 # Of each detector and cell, by run from 1 on: (2,) APs, and (R, 2) in the resamples.
 Drawn = Mapping[Key, Mapping[int, Resampled]]
-NO_INTERVAL = Interval(np.nan, np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,8 @@ class Compared:
         classes: that were compared.
         cells: a row for each class, metric, difficulty, average and detector: ``runs``, ``n_gt``, ``ap`` and ``gain``
             with ``_low`` and ``_high``, ``one_r11_step`` and ``marked``. The gains' intervals hold for all detectors
-            at once, each cell for itself. NaN where a detector has no such boxes, and for gains of the baseline.
+            at once, each cell for itself. NaN where a detector has no such boxes, where no ground truth counts, and for
+            gains of the baseline.
             ``marked``: the gain in R40, of three runs at least, differs from zero where all gains of the class are
             looked at together.
         verdicts: a row for each class (``group``) and detector (``level``) that has boxes for the primary metric, see

@@ -22,7 +22,9 @@ from fl3d.analysis.samples import (
 from fl3d.analysis.seed_cost import seed_minutes
 from fl3d.analysis.verdicts import Pairs, judge, primary_place, verdicts
 from fl3d.evaluation.bootstrap import N_RESAMPLES
+from fl3d.evaluation.counts import count_labels
 from fl3d.evaluation.protocol import of_class
+from fl3d.evaluation.scoring import ground_truths
 from fl3d.runs.finished import FinishedSweep
 from fl3d.runs.trials import FinishedTrial
 from fl3d.runs.units import Units, units_of
@@ -40,7 +42,8 @@ class Judged:
         verdicts: a row for each group and level, see ``verdicts``; with ``seed_minutes``, see ``seed_cost``.
         units: what was resampled.
         margin: of the verdicts, AP.
-        left_out: trials that are not done, or whose baseline is not, one sentence a group and level.
+        left_out: trials that are not done, or whose baseline is not, one sentence a group and level; and classes that
+            the primary metric cannot count.
         baseline: level that the others are held against; empty: it is not said.
     """
 
@@ -90,7 +93,7 @@ def judge_sweep(
         verdicts=_with_minutes(found, sweep),
         units=made.units,
         margin=asked.margin,
-        left_out=tuple(left_out(sweep)),
+        left_out=(*left_out(sweep), *_classes_left_out(sweep)),
         baseline=sweep.baseline,
     )
 
@@ -195,4 +198,16 @@ def left_out(sweep: FinishedSweep) -> list[str]:
     return [
         f"{group} {level}: seed {', '.join(seeds)} left out, {why}"
         for (group, level, why), seeds in missing.items()
+    ]
+
+
+def _classes_left_out(sweep: FinishedSweep) -> list[str]:
+    """Classes without a ground truth at the primary metric's difficulty: a mean is over the others."""
+    difficulty = sweep.settings.sweep.metric.split("/")[1]
+    gt, beyond, points = ground_truths(sweep.validation, sweep.protocol)
+    counts = count_labels(gt, sweep.protocol, sweep.primary_classes, beyond, points)
+    return [
+        f"{name} has no AP at {difficulty}, and no part in a mean: no ground truth of it counts"
+        for name, own in counts.counted.items()
+        if not own[difficulty]
     ]

@@ -55,7 +55,7 @@ def gains(samples: Samples, baseline: str) -> pd.DataFrame:
             front = {"group": group, "level": level, "seeds_done": len(by_seed)}
             for place, (metric, difficulty) in enumerate(CELLS):
                 if any(np.isnan(one.values[place]).any() for one in by_seed.values()):
-                    continue  # a metric that the protocol does not have
+                    continue  # a metric that the protocol does not have, or no ground truth counts
                 for row in _cell_rows(by_seed, base, place):
                     cell = {"metric": metric, "difficulty": difficulty}
                     mark = {"marked": (level, place) in marked}

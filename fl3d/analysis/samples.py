@@ -28,7 +28,7 @@ class Resampled:
     """APs of one checkpoint, by ``CELLS`` and ``AVERAGES``.
 
     Args:
-        values: (9, 2) on the frames as they are; NaN where the protocol has no such metric.
+        values: (9, 2) on the frames as they are; NaN where the protocol has no such metric, or no ground truth counts.
         draws: (R, 9, 2) in each resample.
         detections: digest of what was detected; empty: nothing was, or it is not known.
     """
@@ -113,8 +113,10 @@ def resample_mean(
     n_resamples: int,
     classes: Sequence[str],
 ) -> tuple[Float, Float]:
-    """As ``resample_cell``, of the mean AP over some classes."""
+    """As ``resample_cell``, of the mean AP over those of some classes that have ground truths there."""
     found = [resample_cell(comparison, cell, units, n_resamples, name) for name in classes]
+    # A class without ground truths there has no AP, and no part in the mean.
+    found = [one for one in found if not np.isnan(one[0]).any()] or found[:1]
     if len(found) == 1:
         return found[0]
     return np.mean([values for values, _ in found], axis=0), np.mean([d for _, d in found], axis=0)
@@ -127,8 +129,13 @@ def resample_cell(
     n_resamples: int,
     name: str,
 ) -> tuple[Float, Float]:
-    """APs of one cell: (2,) on the frames as they are, (R, 2) in each resample; of drives as few as they are."""
+    """APs of one cell: (2,) on the frames as they are, (R, 2) in each resample; of drives as few as they are.
+
+    NaN where no ground truth counts.
+    """
     matches = comparison.matches(name, *cell)
+    if not matches.n_gt.sum():
+        return np.full(len(AVERAGES), np.nan), np.full((n_resamples, len(AVERAGES)), np.nan)
     n_frames = len(matches.n_gt)
     n_units = n_frames if units is None else int(units.max()) + 1
     once = np.ones((1, n_frames), dtype=np.int32)

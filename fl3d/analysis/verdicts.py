@@ -124,7 +124,7 @@ def judge_group(
             continue
         one = found[level]
         is_empty = not ap.values.any() and not gain.values.any()
-        has_none = is_empty or bool(gain.copies)
+        has_none = is_empty or bool(gain.copies) or bool(np.isnan(one.value))
         word = Verdict.NONE if has_none else verdict_of(one, len(gain.values), margin)
         row |= {**interval_columns("gain", one), "spread": gain.spread, "verdict": word}
         rows[level] = row | _outlook(gain, family, margin, word, looks, error)
@@ -147,6 +147,8 @@ def _outlook(
 ) -> dict[str, object]:
     """How many more seeds would probably decide, and whether they may: ``more_seeds`` and ``open``."""
     n_seeds = len(gain.values)
+    if np.isnan(gain.values).any():  # no ground truth counts
+        return {"more_seeds": float("nan"), "open": False}
     if gain.copies:  # further seeds of what does not read its seed are copies too
         return {"more_seeds": float("nan"), "open": False}
     if word.is_final or n_seeds < 2:

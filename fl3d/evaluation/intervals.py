@@ -55,6 +55,9 @@ class Interval:
         return -margin < self.low and self.high < margin
 
 
+NO_INTERVAL = Interval(np.nan, np.nan, np.nan)  # of a number that is not known
+
+
 @dataclass(frozen=True)
 class Sample:
     """What is known of a number that training seeds were asked for.
@@ -144,16 +147,21 @@ def joint_intervals(
     deviations 5.0 %). Over seeds the error is shared out (Šidák), which holds whatever the members have in common.
 
     Args:
-        family: its members.
+        family: its members. Those that are not known (NaN) have no interval, and no share of the error.
         alpha: of the family.
         looks: see ``member_alpha``.
     """
-    if not family:
-        return []
-    draws = np.stack([one.draws for one in family], axis=1)
+    known = [one for one in family if not np.isnan(one.values).any()]
+    if not known:
+        return [NO_INTERVAL] * len(family)
+    draws = np.stack([one.draws for one in known], axis=1)
     frames, reach = frames_alpha(draws, alpha), frames_reach(draws, alpha)
-    own = [member_alpha(len(family), len(one.values), looks, alpha) for one in family]
-    return [interval(one, error, frames, reach) for one, error in zip(family, own, strict=True)]
+
+    def of(one: Sample) -> Interval:
+        error = member_alpha(len(known), len(one.values), looks, alpha)
+        return interval(one, error, frames, reach)
+
+    return [NO_INTERVAL if np.isnan(one.values).any() else of(one) for one in family]
 
 
 def member_alpha(

@@ -11,7 +11,7 @@ from fl3d.core.errors import ConfigError, options
 from fl3d.core.names import check_name
 from fl3d.data.classes import CARS, DONTCARE, NEIGHBOURS, why_no_classes
 from fl3d.data.label_parser import kitti_spelling
-from fl3d.evaluation import VERSION
+from fl3d.evaluation import MEANS, VERSION
 from fl3d.geometry.nms import KINDS
 
 METRICS = ("image", "bev", "3d")
@@ -205,7 +205,8 @@ class Protocol:
 
         What came later than the first protocols enters only where it is not its default, so that theirs stay.
         """
-        return f"{self.name}-{digest([VERSION, self._values()])[:8]}"
+        version = [VERSION] if len(self.classes) == 1 else [VERSION, MEANS]
+        return f"{self.name}-{digest([*version, self._values()])[:8]}"
 
     def _values(self) -> dict[str, Any]:
         values = asdict(self)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,36 +64,44 @@ def score(
         ``{"ap_3d/moderate": ..., "ap_3d_r40/moderate": ..., ...}`` for image, bev and 3d in percent; and
         ``{"recall_3d/0.5": ...}``, the share of objects that any stored box of their class overlaps by more, before
         cut and suppression, with ``recall_3d/mean_iou``, their mean best overlap. Of several classes these are the
-        means over classes, and each class has its own: ``ap_3d/moderate/Pedestrian``.
+        means over those that have ground truths there, and each class has its own: ``ap_3d/moderate/Pedestrian``.
     """
     curves = evaluate(compare_stored(detections, validation, protocol), protocol.classes)
     by_class = {}
     for name, own in curves.items():
         best = best_overlaps(_objects_and_boxes(detections, validation, protocol, name))
         by_class[name] = _aps(own) | _recalls(best)
-    if len(by_class) == 1:
-        return by_class[protocol.classes[0]]
     keys = by_class[protocol.classes[0]]
-    scores = {key: float(np.mean([one[key] for one in by_class.values()])) for key in keys}
-    for name, own_scores in by_class.items():
-        scores |= {of_class(key, name): value for key, value in own_scores.items()}
+    scores = {key: _mean([one[key] for one in by_class.values()]) for key in keys}
+    for name, own_scores in by_class.items() if len(by_class) > 1 else ():
+        scores |= {of_class(key, name): _mean([value]) for key, value in own_scores.items()}
     return scores
 
 
+def _mean(values: Sequence[float]) -> float:
+    """Over the classes that have ground truths; 0 where none has, for stores keep numbers."""
+    known = [value for value in values if not math.isnan(value)]
+    return float(np.mean(known)) if known else 0.0
+
+
 def _aps(curves: Mapping[str, Mapping[str, Curve]]) -> dict[str, float]:
-    """APs of one class by their names."""
+    """APs of one class by their names; NaN where no ground truth counts."""
     found = {}
     for metric, levels in curves.items():
         for difficulty, curve in levels.items():
-            found[f"ap_{metric}/{difficulty}"] = curve.ap_r11
-            found[f"ap_{metric}_r40/{difficulty}"] = curve.ap_r40
+            found[f"ap_{metric}/{difficulty}"] = curve.ap_r11 if curve.n_gt else math.nan
+            found[f"ap_{metric}_r40/{difficulty}"] = curve.ap_r40 if curve.n_gt else math.nan
     return found
 
 
 def _recalls(best: Float) -> dict[str, float]:
-    """Recalls of one class by their names, from each object's best overlap."""
-    found = {f"recall_3d/{t:g}": float((best > t).mean()) if len(best) else 0.0 for t in OVERLAPS}
-    return found | {"recall_3d/mean_iou": float(best.mean()) if len(best) else 0.0}
+    """Recalls of one class by their names, from each object's best overlap; NaN where there is no object."""
+    if not len(best):
+        return dict.fromkeys(
+            [*(f"recall_3d/{t:g}" for t in OVERLAPS), "recall_3d/mean_iou"], math.nan
+        )
+    found = {f"recall_3d/{t:g}": float((best > t).mean()) for t in OVERLAPS}
+    return found | {"recall_3d/mean_iou": float(best.mean())}
 
 
 def _objects_and_boxes(

@@ -13,10 +13,9 @@ from fl3d.evaluation.verdicts import FEWEST, Verdict
 from fl3d.reports.intervals import DAGGER
 from fl3d.reports.levels import DIFFICULTIES, slug
 from fl3d.reports.table import HEADS, Cell, Column, Table, is_better
-from fl3d.reports.verdicts import gain_text, verdict_text
+from fl3d.reports.verdicts import NOTHING, ap_text, gain_text, verdict_text
 
 VIEWS = {"3d": "3D", "bev": "BEV", "image": "2D"}  # in the order of the tables
-NOTHING = "–"
 AT_ONCE = "Intervals of gains: 95 %, for all detectors of a row at once"
 STAR = "Star: differs from zero where all gains of the table are looked at together, from three runs on"
 VERDICTS = (
@@ -83,13 +82,13 @@ def metric_text(name: str) -> str:
 
 def _verdict_row(row: Row, margin: float) -> tuple[Cell, ...]:
     is_base = row["verdict"] == Verdict.BASELINE
-    ap = f"{row['ap']:.2f} [{row['ap_low']:.1f}, {row['ap_high']:.1f}]"
     ends = f"[{row['gain_low']:+.1f}, {row['gain_high']:+.1f}]"
+    gain = NOTHING if np.isnan(row["gain"]) else f"{row['gain']:+.2f} {ends}"
     return (
         Cell(str(row["level"])),
         Cell(str(row["seeds"])),
-        Cell(ap),
-        Cell("" if is_base else f"{row['gain']:+.2f} {ends}"),
+        Cell(ap_text(row, 1)),
+        Cell("" if is_base else gain),
         Cell(_short(_word(row, margin)), bold=Verdict(row["verdict"]).is_final),
     )
 
@@ -103,6 +102,8 @@ def _word(row: Row, margin: float) -> str:
     if row.get("copies") and row["verdict"] != Verdict.BASELINE:
         copies = str(row["copies"]).replace("seed", "run")
         return f"no verdict: {copies} have the same detections, and count as one"
+    if np.isnan(row["ap"]) and row["verdict"] != Verdict.BASELINE:
+        return "no verdict: no ground truth counts"
     return verdict_text(row, margin).replace("seed", "run")
 
 

@@ -16,6 +16,7 @@ from fl3d.reports.table import Cell, Column, Table
 Row = Mapping[Hashable, Any]
 ONE_SEED = "frames only, not training"
 FULL = 100 - 1e-9  # AP, but for rounding
+NOTHING = "–"
 ALONE = "no other level is done"
 LEGEND = (
     "better, worse: the gain's interval excludes 0; equivalent: it lies within ± {margin:g} AP; undecided: neither. "
@@ -35,6 +36,8 @@ def verdict_text(row: Row, margin: float) -> str:
         return "baseline"
     if row.get("copies"):
         return f"none: {row['copies']} have the same detections: does the program read its seed?"
+    if verdict is Verdict.NONE and math.isnan(row["gain"]):
+        return "none: no ground truth counts"
     if verdict is Verdict.NONE and row["seeds"] >= FEWEST and row["ap"] == 0:
         return "none: neither finds anything (AP 0)"
     if verdict is Verdict.NONE:
@@ -62,6 +65,8 @@ def verdict_word(row: Row) -> str:
     if verdict is Verdict.NONE:
         if row.get("copies"):
             return "copies"
+        if math.isnan(row["gain"]):
+            return "no objects"
         if row["seeds"] >= FEWEST and row["ap"] == 0:
             return "AP 0"
         return "frames only" if row["seeds"] == 1 else "too few seeds"
@@ -84,9 +89,18 @@ def _time(minutes: float) -> str:
 
 
 def gain_text(row: Row, digits: int = 2) -> str:
-    """A gain and its interval: ``+0.45 [-0.31, +1.20]``."""
+    """A gain and its interval: ``+0.45 [-0.31, +1.20]``; a dash where it is not known."""
+    if math.isnan(row["gain"]):
+        return NOTHING
     ends = f"[{row['gain_low']:+.{digits}f}, {row['gain_high']:+.{digits}f}]"
     return f"{row['gain']:+.{digits}f} {ends}"
+
+
+def ap_text(row: Row, digits: int) -> str:
+    """An AP and its interval, whose ends have so many digits; a dash where no ground truth counts."""
+    if math.isnan(row["ap"]):
+        return NOTHING
+    return f"{row['ap']:.2f} [{row['ap_low']:.{digits}f}, {row['ap_high']:.{digits}f}]"
 
 
 def verdict_tables(
@@ -118,7 +132,7 @@ def verdict_tables(
 
 
 def _row(row: Row, margin: float) -> tuple[Cell, ...]:
-    ap = f"{row['ap']:.2f} [{row['ap_low']:.2f}, {row['ap_high']:.2f}]"
+    ap = ap_text(row, 2)
     gain = "" if row["verdict"] == Verdict.BASELINE else gain_text(row)
     is_final = Verdict(row["verdict"]).is_final
     word = Cell(verdict_text(row, margin), bold=is_final)

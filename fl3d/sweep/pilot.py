@@ -157,7 +157,7 @@ def _pooled(gains: list[NDArray[np.float64]]) -> tuple[float, float, int]:
     low, high = np.percentile(means, [tail, 100 - tail], axis=0)
     squares = ((high - low) / 2) ** 2
     half = float(np.sqrt(np.mean(squares)))
-    if half == 0:
+    if not half > 0:  # NaN where no ground truth counts
         return 0.0, 1.0, 1
     lasting = float(np.average([lasting_share(own) for own in gains], weights=squares))
     return half, lasting, max(len(own) for own in gains)

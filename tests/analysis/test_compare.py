@@ -158,6 +158,27 @@ def test_a_run_that_finds_nothing_has_ap_0_and_is_named(tmp_path: Path) -> None:
     assert own["found"] == pytest.approx(200 / 3)
 
 
+def test_a_difficulty_without_ground_truths_has_no_ap_and_no_verdict(tmp_path: Path) -> None:
+    """All cars are largely occluded: they count as hard, and neither easy nor moderate."""
+    labels = write_labels_of(tmp_path, [car(occluded=2)] * 20)
+    found = compared(labels, runs(tmp_path, "a", [10, 11, 12]), runs(tmp_path, "b", [20, 20, 19]))
+    row = verdict(found, "b")
+    assert (row["verdict"], row["open"]) == (Verdict.NONE, False)
+    assert np.isnan(row[["ap", "ap_low", "ap_high", "gain"]].astype(float)).all()
+    moderate = cell(found, "b", "3d")
+    assert moderate["n_gt"] == 0
+    assert np.isnan(moderate[["ap", "gain"]].astype(float)).all()
+    hard = found.cells[(found.cells["difficulty"] == "hard") & (found.cells["detector"] == "b")]
+    assert (hard["gain"] > 0).all()
+    assert hard[hard["average"] == "R40"][
+        "marked"
+    ].all()  # cells without a number take nothing away
+    text = text_of(found)
+    assert "b: no verdict: no ground truth counts." in text
+    assert "neither finds anything" not in text
+    assert "nan" not in text
+
+
 def test_a_detector_that_finds_nothing_in_any_run_has_no_ap(tmp_path: Path) -> None:
     a, b = runs(tmp_path, "a", [10, 10, 10]), runs(tmp_path, "b", [0, 0, 0])
     with pytest.raises(ConfigError, match=r"b has no detection of Car: no AP and no gain"):

@@ -1,10 +1,12 @@
 """APs of checkpoints in the same resamples, and gains over the seeds that both sides have."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fl3d.analysis import AVERAGES
-from fl3d.analysis.samples import CELLS, Comparisons, Resampled, paired
+from fl3d.analysis.samples import CELLS, Comparisons, Resampled, paired, resample_mean
 from fl3d.evaluation.bootstrap import resampled_aps, unit_weights, widened
 from tests.analysis.making import resample_sweep
 from tests.evaluation.test_bootstrap import comparison, scene
@@ -96,3 +98,19 @@ def test_the_baseline_gains_nothing_over_itself() -> None:
     assert ap.values.tolist() == [10.0, 11.0]
     assert not gain.values.any()
     assert not gain.draws.any()
+
+
+def test_where_no_ground_truth_counts_there_is_no_ap_and_a_mean_is_over_the_others() -> None:
+    """The scene has cars alone: of pedestrians nothing is known, and the mean over both is the cars'."""
+    cars_alone = comparison(*scene(5, N_FRAMES))
+    overlaps = {**cars_alone.protocol.overlaps, "Pedestrian": (0.5, 0.5, 0.5)}
+    one = replace(cars_alone, protocol=replace(cars_alone.protocol, overlaps=overlaps))
+    cell = ("3d", "moderate")
+    cars, draws = resample_mean(one, cell, None, 5, ["Car"])
+    nothing, no_draws = resample_mean(one, cell, None, 5, ["Pedestrian"])
+    assert np.isnan(nothing).all()
+    assert np.isnan(no_draws).all()
+    for classes in (["Car", "Pedestrian"], ["Pedestrian", "Car"]):
+        both, of_both = resample_mean(one, cell, None, 5, classes)
+        assert (both == cars).all()
+        assert (of_both == draws).all()

@@ -20,8 +20,10 @@ from fl3d.core.records import Trial
 from fl3d.evaluation.intervals import member_alpha
 from fl3d.evaluation.verdicts import Verdict
 from fl3d.papers.judged_views import tables_of_verdicts
+from fl3d.reports.figures.forest import forest
+from fl3d.reports.levels import Levels
 from fl3d.reports.render import to_markdown
-from fl3d.reports.verdicts import findings, in_short, verdict_text
+from fl3d.reports.verdicts import findings, in_short, verdict_tables, verdict_text
 from fl3d.runs.asked import asked_for
 from fl3d.runs.finished import FinishedSweep, levels_of
 from tests.analysis.making import detected_sweep, without
@@ -391,6 +393,21 @@ def test_a_sweep_of_a_program_that_ignores_its_seed_has_no_verdict(
     assert "without a verdict (γ = 2: seeds 0, 1, 2" in in_short(found.verdicts, levels_of(sweep))
     table = tables_of_verdicts(found, levels_of(sweep))[0]
     assert "none: seeds 0, 1, 2 have the same detections" in to_markdown(table)
+
+
+def test_without_ground_truths_there_is_no_verdict_and_no_number() -> None:
+    unknown = {
+        seed: Resampled(np.full((9, 2), np.nan), np.full((50, 9, 2), np.nan)) for seed in range(3)
+    }
+    found = judged({"0": unknown, "2": unknown})
+    row = found.loc["2"]
+    assert (row["verdict"], row["open"]) == (Verdict.NONE, False)
+    rows = found.reset_index()
+    assert verdict_text(rows.to_dict("records")[1], 1.0) == "none: no ground truth counts"
+    levels = Levels("gamma", ["0", "2"], "0")
+    table = to_markdown(verdict_tables(rows, levels, 1.0)[0])
+    assert "nan" not in table
+    assert forest(rows, levels, 1.0) is None
 
 
 def test_two_networks_that_find_nothing_are_not_called_equivalent() -> None:

@@ -8,11 +8,13 @@ import pytest
 
 from fl3d.config.compose import compose_config
 from fl3d.config.settings import read_settings
+from fl3d.core.digests import digest
 from fl3d.core.errors import ConfigError
 from fl3d.data.calibration import MEAN
 from fl3d.data.classes import class_of, why_no_classes
 from fl3d.data.label_table import table_from_labels
 from fl3d.data.labels import Labels
+from fl3d.evaluation import MEANS, VERSION
 from fl3d.evaluation.average_precision import compare, evaluate
 from fl3d.evaluation.detections import Detections, read_detections, to_labels, write_detections
 from fl3d.evaluation.protocol import Protocol
@@ -66,6 +68,25 @@ def test_several_classes_have_scores_each_and_their_mean(validation: Validation)
     assert both["recall_3d/0.5/Cone"] == 0
     assert both["recall_3d/0.5"] == 0.5
     assert set(protocol("Car", "Cone").metric_names) <= set(both)
+
+
+def test_a_class_without_ground_truths_has_no_part_in_a_mean() -> None:
+    """Of cars alone in the frames: the mean over cars and cones is the cars', and not half of it."""
+    truth = labels(CARS, ["Car"] * 5)
+    cars = Validation(("0",), (truth,), (MEAN,), (SIZE,))
+    both = score(detections(CARS, ["Car"] * 5), cars, protocol("Car", "Cone"))
+    assert both["ap_3d/moderate"] == both["ap_3d/moderate/Car"] > 0
+    assert both["recall_3d/0.5"] == both["recall_3d/0.5/Car"] == 1
+    assert both["ap_3d/moderate/Cone"] == both["recall_3d/0.5/Cone"] == 0
+    nothing = score(detections(CARS, ["Car"] * 5), cars, protocol("Cone"))
+    assert nothing["ap_3d/moderate"] == 0
+
+
+def test_scores_of_one_class_keep_their_identity() -> None:
+    """What a mean is over has changed, and one class has none: its scores are as they were."""
+    one, two = protocol("Car"), protocol("Car", "Cone")
+    assert one.id == f"test-{digest([VERSION, one._values()])[:8]}"
+    assert two.id == f"test-{digest([VERSION, MEANS, two._values()])[:8]}"
 
 
 def test_one_class_has_the_names_that_cars_have(validation: Validation) -> None:

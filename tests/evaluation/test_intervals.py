@@ -214,6 +214,15 @@ def test_a_family_of_none_and_of_one() -> None:
     assert joint_intervals([one])[0] == interval(one, 0.05, frames_alpha(one.draws[:, None], 0.05))
 
 
+def test_members_of_which_nothing_is_known_take_nothing_from_the_others() -> None:
+    one, nothing = of_values(np.array([1.0, 2.0, 3.0])), of_values(np.full(3, np.nan))
+    alone = joint_intervals([one])[0]
+    unknown, known = joint_intervals([nothing, one])
+    assert known == alone
+    assert np.isnan([unknown.value, unknown.low, unknown.high]).all()
+    assert np.isnan(joint_intervals([nothing])[0].value)
+
+
 def test_members_with_fewer_seeds_have_the_t_of_their_own() -> None:
     draws = np.zeros(100)
     values = np.array([-1.0, 0.0, 1.0, -1.0, 1.0])

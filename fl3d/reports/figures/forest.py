@@ -40,9 +40,9 @@ def forest(verdicts: pd.DataFrame, levels: Levels, margin: float) -> Drawn | Non
         margin: of the verdicts, AP; shown as a band.
 
     Returns:
-        None where no level is held against the baseline.
+        None where no level is held against the baseline, or no ground truth counts.
     """
-    data = verdicts[verdicts["verdict"] != Verdict.BASELINE]
+    data = verdicts[(verdicts["verdict"] != Verdict.BASELINE) & verdicts["gain"].notna()]
     groups = sorted(data["group"].unique())
     if not groups:
         return None
