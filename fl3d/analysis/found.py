@@ -202,7 +202,12 @@ def left_out(sweep: FinishedSweep) -> list[str]:
 
 
 def _classes_left_out(sweep: FinishedSweep) -> list[str]:
-    """Classes without a ground truth at the primary metric's difficulty: a mean is over the others."""
+    """Classes without a ground truth at the primary metric's difficulty: a mean is over the others.
+
+    None where only the sweep's scores are at hand.
+    """
+    if not sweep.is_from_store:
+        return []
     difficulty = sweep.settings.sweep.metric.split("/")[1]
     gt, beyond, points = ground_truths(sweep.validation, sweep.protocol)
     counts = count_labels(gt, sweep.protocol, sweep.primary_classes, beyond, points)

@@ -155,7 +155,7 @@ def test_recalls_are_not_resampled_and_their_intervals_are_said_to_be_over_seeds
     ours: dict = {}
     for column in RECALLS:
         for place, recalls in ((row, (0.70, 0.72, 0.74)), (over, (0.80, 0.81, 0.82))):
-            by_seed = {seed: (one, np.array([one])) for seed, one in enumerate(recalls)}
+            by_seed = {n: Measured(one, np.array([one])) for n, one in enumerate(recalls)}
             ours[place, column] = by_seed
     assert told("authors' weights", ours).ours.endswith("] over seeds; 3 seeds")
 
