@@ -25,11 +25,12 @@ if TYPE_CHECKING:
     from fl3d.api.inspection import check
     from fl3d.api.simulation import simulate
     from fl3d.api.sweeps import open_sweep, run
-    from fl3d.core.errors import Fl3dError
+    from fl3d.core.errors import Fl3dError, ResultsWarning
 
 __version__ = "0.1.0"
 __all__ = [
     "Fl3dError",
+    "ResultsWarning",
     "__version__",
     "check",
     "compare",
@@ -42,6 +43,7 @@ __all__ = [
 
 _MODULES = {
     "Fl3dError": "fl3d.core.errors",
+    "ResultsWarning": "fl3d.core.errors",
     "check": "fl3d.api.inspection",
     "compare": "fl3d.api.comparison",
     "evaluate": "fl3d.api.evaluation",

@@ -58,7 +58,7 @@ def loaded_by(code: str, *arguments: object) -> set[str]:
 
 
 def test_what_fl3d_offers_to_python_is_this_list() -> None:
-    assert set(fl3d.__all__) == OFFERED | {"Fl3dError", "__version__"}
+    assert set(fl3d.__all__) == OFFERED | {"Fl3dError", "ResultsWarning", "__version__"}
     for name in OFFERED:
         offered = getattr(fl3d, name)
         assert callable(offered), name

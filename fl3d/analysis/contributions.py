@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fl3d.analysis.samples import Float, Resampled, Samples, resample
+from fl3d.analysis.samples import Float, Resampled, Samples, counted, resample
 from fl3d.analysis.split_halves import halved
 from fl3d.core.digests import file_digest
 from fl3d.core.errors import DataError
@@ -142,8 +142,8 @@ class Contributions:
         return np.array([np.mean([one.ap_r11 for one in curves]) for curves in left])
 
     def _curves(self, compared: Comparison) -> list[Curve]:
-        """3D moderate, of each class."""
-        return [compared.curve(name, *CELL) for name in self.sweep.classes]
+        """3D moderate, of each class that a mean is over."""
+        return [compared.curve(name, *CELL) for name in counted(compared, CELL, self.sweep.classes)]
 
     def halves(self) -> pd.DataFrame:
         """What choosing by a half of the frames is worth: a row a trial, see ``split_halves.halved``.

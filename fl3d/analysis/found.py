@@ -82,7 +82,7 @@ def judge_sweep(
         whole, every = sweep.family, Contributions(sweep.family, made.n_resamples).samples(rule)
     asked, primary = sweep.settings.sweep, every
     if asked.class_name is not None and sweep.primary_classes != sweep.classes:
-        primary = Contributions(whole.of_class(asked.class_name), n_resamples).samples(rule)
+        primary = Contributions(whole.of_class(asked.class_name), made.n_resamples).samples(rule)
     found = verdicts(primary, sweep.baseline, asked, sweep.plan.looks, _planned(sweep))
     found = _shown(found, sweep)
     if sweep.class_name is not None and not found.empty:
@@ -211,8 +211,9 @@ def _classes_left_out(sweep: FinishedSweep) -> list[str]:
     difficulty = sweep.settings.sweep.metric.split("/")[1]
     gt, beyond, points = ground_truths(sweep.validation, sweep.protocol)
     counts = count_labels(gt, sweep.protocol, sweep.primary_classes, beyond, points)
+    no_part = ", and no part in a mean" if len(sweep.primary_classes) > 1 else ""
     return [
-        f"{name} has no AP at {difficulty}, and no part in a mean: no ground truth of it counts"
+        f"{name} has no AP at {difficulty}{no_part}: no ground truth of it counts"
         for name, own in counts.counted.items()
         if not own[difficulty]
     ]

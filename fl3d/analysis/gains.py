@@ -27,6 +27,10 @@ from fl3d.evaluation.verdicts import FEWEST
 R11_STEP = 100 / 11  # what one more of its recall samples is worth in R11
 TABLE = ("bev", "3d")  # metrics of a table's cells, which are one family of marks
 R11, R40 = (AVERAGES.index(name) for name in ("R11", "R40"))
+COLUMNS = [
+    *("group", "level", "seeds_done", "metric", "difficulty", "average", "seeds", "copies"),
+    *("ap", "ap_low", "ap_high", "gain", "gain_low", "gain_high", "one_r11_step", "marked"),
+]
 
 
 def gains(samples: Samples, baseline: str) -> pd.DataFrame:
@@ -47,9 +51,11 @@ def gains(samples: Samples, baseline: str) -> pd.DataFrame:
         ConfigError: no group has the baseline.
     """
     rows = []
+    has_pairs = False
     for group, levels in samples.items():
         base = levels.get(baseline, {})
         own = {level: by_seed for level, by_seed in levels.items() if set(by_seed) & set(base)}
+        has_pairs |= bool(own)
         marked = _marked(own, baseline)
         for level, by_seed in own.items():
             front = {"group": group, "level": level, "seeds_done": len(by_seed)}
@@ -60,12 +66,12 @@ def gains(samples: Samples, baseline: str) -> pd.DataFrame:
                     cell = {"metric": metric, "difficulty": difficulty}
                     mark = {"marked": (level, place) in marked}
                     rows.append({**front, **cell, **row, **mark})
-    if not rows:
+    if not has_pairs:
         raise ConfigError(
             f"a gain needs a trial of the baseline '{baseline}' that is done, with a seed of the others; "
             "choose another level with sweep.baseline"
         )
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=COLUMNS)  # without rows where no ground truth counts
 
 
 def _cell_rows(
@@ -113,13 +119,14 @@ def recalls(compared: Comparisons, classes: Sequence[str] = CARS) -> pd.DataFram
 
     Args:
         compared: see ``samples.compare_sweep``.
-        classes: whose mean recall it is.
+        classes: whose mean recall it is: of those that have labels.
     """
     rows = []
     for group, levels in compared.items():
         for level, by_seed in levels.items():
             for seed, comparison in sorted(by_seed.items()):
-                shares = np.mean([_recall(comparison, name) for name in classes], axis=0)
+                labelled = [name for name in classes if comparison.gt.of(name).any()]
+                shares = np.mean([_recall(comparison, n) for n in labelled or classes], axis=0)
                 columns = {
                     f"recall_{overlap:g}": share
                     for overlap, share in zip(OVERLAPS, shares, strict=True)

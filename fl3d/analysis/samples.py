@@ -106,6 +106,14 @@ def resample(
     )
 
 
+def counted(
+    comparison: Comparison, cell: tuple[str, str], classes: Sequence[str]
+) -> tuple[str, ...]:
+    """Classes that a mean over some is over: those with a ground truth in the cell; the first where none has one."""
+    own = [name for name in classes if comparison.matches(name, *cell).n_gt.any()]
+    return tuple(own or classes[:1])
+
+
 def resample_mean(
     comparison: Comparison,
     cell: tuple[str, str],
@@ -114,9 +122,10 @@ def resample_mean(
     classes: Sequence[str],
 ) -> tuple[Float, Float]:
     """As ``resample_cell``, of the mean AP over those of some classes that have ground truths there."""
-    found = [resample_cell(comparison, cell, units, n_resamples, name) for name in classes]
-    # A class without ground truths there has no AP, and no part in the mean.
-    found = [one for one in found if not np.isnan(one[0]).any()] or found[:1]
+    found = [
+        resample_cell(comparison, cell, units, n_resamples, name)
+        for name in counted(comparison, cell, classes)
+    ]
     if len(found) == 1:
         return found[0]
     return np.mean([values for values, _ in found], axis=0), np.mean([d for _, d in found], axis=0)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fl3d.analysis.samples import counted
 from fl3d.evaluation.average_precision import Comparison
 from fl3d.evaluation.bootstrap import resampled_aps
 from fl3d.evaluation.protocol import DIFFICULTIES
@@ -43,8 +44,12 @@ def halved(compared: Iterable[Comparison], classes: Sequence[str]) -> tuple[floa
 def _aps(
     comparison: Comparison, classes: Sequence[str], level: str, flat: NDArray[np.int32]
 ) -> Float:
-    """3D AP on both sides of all halvings, the mean over classes: (2, R)."""
-    own = [resampled_aps(comparison.matches(name, "3d", level), flat)[:, 0] for name in classes]
+    """3D AP on both sides of all halvings, the mean over classes that have ground truths: (2, R)."""
+    cell = ("3d", level)
+    own = [
+        resampled_aps(comparison.matches(name, *cell), flat)[:, 0]
+        for name in counted(comparison, cell, classes)
+    ]
     return np.asarray(np.mean(own, axis=0)).reshape(2, HALVINGS)
 
 

@@ -14,7 +14,7 @@ from fl3d.analysis.detectors import Detector
 from fl3d.analysis.result_folders import MISSING, hold
 from fl3d.analysis.surroundings import Surroundings
 from fl3d.config.protocols import read_protocol
-from fl3d.core.errors import ConfigError
+from fl3d.core.errors import ConfigError, ResultsWarning
 from fl3d.evaluation.protocol import Protocol
 
 Folders = Path | str | Sequence[Path | str]
@@ -37,7 +37,7 @@ def compare(
     calib: Path | str | None = None,
     pictures: Path | str | None = None,
     made_by: str = "fl3d.compare",
-    warn: Callable[[str], object] = warnings.warn,
+    warn: Callable[[str], object] | None = None,
 ) -> Compared:
     """Say whether a detector is better than another, whatever code trained them: ``fl3d compare``.
 
@@ -58,7 +58,8 @@ def compare(
         calib: of the clouds; None: ``calib`` beside ``labels``.
         pictures: folder ``image_2``, for the page.
         made_by: how the page says that it was made.
-        warn: is told what looks like a mistake in labels or results, a line at a time.
+        warn: is told what looks like a mistake in labels or results, a line at a time; None: it is warned of, as
+            ``ResultsWarning``.
 
     Returns:
         the data frames ``cells`` (APs and gains with intervals) and ``verdicts``, and notes.
@@ -83,7 +84,10 @@ def compare(
     )
     surroundings.check(held.ids)
     for line in held.warnings:
-        warn(line)
+        if warn is None:
+            warnings.warn(line, ResultsWarning, stacklevel=2)
+        else:
+            warn(line)
     compared = compare_detectors(held, baseline, classes, margin)
     if out is not None:
         try:

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from fl3d.config.protocols import read_protocol
-from fl3d.core.errors import ConfigError, Fl3dError
+from fl3d.core.errors import ConfigError, Fl3dError, ResultsWarning
 from fl3d.evaluation import MISSING
 from fl3d.evaluation.folders import Evaluated, evaluate_folder
 from fl3d.evaluation.protocol import Protocol
+from fl3d.reports.uncounted import mistakes_of, why_nothing
 from fl3d.reports.uncounted import warnings as warnings_of
-from fl3d.reports.uncounted import why_nothing
 
 # What a protocol does to a detector's boxes and to objects beyond its range: results are taken as they are.
 UNUSED = ("ignore_beyond", "image_box", "max_detections", "nms_iou", "nms_kind", "score_threshold")
@@ -39,7 +39,7 @@ def evaluate(
     changes: Sequence[str] = (),
     split: Path | str | None = None,
     missing: str = MISSING[0],
-    warn: Callable[[str], object] = warnings.warn,
+    warn: Callable[[str], object] | None = None,
 ) -> Evaluated:
     """Evaluate a folder of KITTI result files, whoever wrote them: ``fl3d evaluate``.
 
@@ -52,7 +52,8 @@ def evaluate(
         changes: of a protocol that is named, such as ``overlaps.Car=[0.7,0.5,0.5]``.
         split: file of the frames to evaluate, one a line; None: all of ``labels``.
         missing: ``skip``: a frame without a result file is left out; ``empty``: nothing was found in it.
-        warn: is told what looks like a mistake in labels or results, a line at a time.
+        warn: is told what looks like a mistake in labels or results, or is odd, a line at a time; None: mistakes alone
+            are warned of, as ``ResultsWarning``.
 
     Returns:
         APs by class, metric and difficulty, see ``Evaluated.table``; what counts, and why the rest does not.
@@ -66,8 +67,11 @@ def evaluate(
     chosen = protocol if isinstance(protocol, Protocol) else read_protocol(protocol, changes)
     file = None if split is None else Path(split)
     found = evaluate_folder(Path(labels), Path(results), chosen, file, missing)
-    for line in warnings_of(found):
-        warn(line)
+    for line in mistakes_of(found) if warn is None else warnings_of(found):
+        if warn is None:
+            warnings.warn(line, ResultsWarning, stacklevel=2)
+        else:
+            warn(line)
     why = why_nothing(found)
     if why is not None:
         raise NothingToCount(why, found)

@@ -35,6 +35,10 @@ FAULTY = (
 )
 
 
+class ResultsWarning(UserWarning):
+    """Labels or results look as if somebody had made a mistake, though numbers come of them."""
+
+
 class Fl3dError(Exception):
     """Base of all errors that fl3d raises on purpose."""
 

@@ -118,7 +118,9 @@ def check_access(path: Path, mode: int) -> None:
         OSError: it may not, with the reason as far as the system tells it.
     """
     number = None
-    if path.is_dir():
+    if not path.exists():
+        number = errno.ENOENT
+    elif path.is_dir():
         number = errno.EISDIR
     elif not os.access(path, mode):
         is_read_only = mode & os.W_OK and os.statvfs(path).f_flag & os.ST_RDONLY

@@ -60,8 +60,11 @@ def of_medians(name: str, labels: Float, results: Float) -> Iterator[tuple[str, 
     """What can be told without pairs, by medians of a class: units, and the order of sizes."""
     label, result = (np.median(boxes, axis=0)[None] for boxes in (labels, results))
     power = _size_power(label, result)
-    away = [np.median(np.linalg.norm(boxes[:, :3], axis=1)) for boxes in (labels, results)]
-    yield from _units(name, power, _power(float(np.log10(away[1] / max(away[0], 1e-9)))))
+    away = [
+        max(float(np.median(np.linalg.norm(boxes[:, :3], axis=1))), 1e-9)
+        for boxes in (labels, results)
+    ]
+    yield from _units(name, power, _power(float(np.log10(away[1] / away[0]))))
     result[:, 3:6] /= 10.0**power
     yield from _sizes(name, label, result)
 

@@ -125,7 +125,7 @@ def keep_positives(
         folder: of its stage.
         step: of it.
         weights: SHA-256 of its weights.
-        frames: ``KittiFolder.read_digest`` of the validation frames.
+        frames: ``frame_digests.input_digest`` of the validation frames.
         positives: (P,) as ``sampled_positives`` gives them.
     """
     own = _made_of(folder, weights, frames)

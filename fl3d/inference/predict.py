@@ -15,6 +15,7 @@ from tqdm import tqdm
 from fl3d.config.settings import StageSettings
 from fl3d.core.errors import CheckpointError, DataError, DataMissing
 from fl3d.core.files import write_atomically
+from fl3d.core.plurals import several
 from fl3d.data.calibration import AXES, MEAN, Calibration
 from fl3d.data.calibration_files import read_calibration
 from fl3d.data.clouds import ENDINGS, read_cloud
@@ -96,9 +97,10 @@ def predict(
             if pictures:
                 _draw(detector.NAME, cloud, found, protocol, out)
     finally:  # a cloud that cannot be read ends it: what was written before is there
-        of_all = "" if len(written) == len(files) else f" of {len(files)}"
-        count = f"{len(written)}{of_all} clouds into {out}"
-        say(f"{detector.NAME}, {folder.key}, step {step}: {count}")
+        count = several(len(written), "cloud")
+        if len(written) < len(files):
+            count = f"{len(written)} of {several(len(files), 'cloud')}"
+        say(f"{detector.NAME}, {folder.key}, step {step}: {count} into {out}")
     if n_without:
         used = calibration or "the mean of KITTI's training set"
         say(f"{n_without} clouds have no calibration of their own: {used} was taken for them")

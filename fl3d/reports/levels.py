@@ -147,6 +147,8 @@ def note_on_gains(own: pd.DataFrame, levels: Levels) -> tuple[str, ...]:
     """
     is_base = own["level"] == levels.baseline
     others = levels.sorted(own[~is_base])
+    if "copies" in others:  # the first of them counts, and this is said where the seeds are
+        others = others[[not one or pd.isna(one) for one in others["copies"]]]
     names = [levels.text(str(level)) for level in others["level"]]
     shared = dict(zip(names, others["seeds"].astype(int), strict=True))
     return gains_note(shared, int(own[is_base]["seeds"].max())) if is_base.any() else ()

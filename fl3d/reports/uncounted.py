@@ -54,6 +54,12 @@ def warnings(found: Evaluated) -> list[str]:
     return [*lines, *(mistake.text for mistake in found.mistakes)]
 
 
+def mistakes_of(found: Evaluated) -> list[str]:
+    """What looks like a mistake in how labels or results were written, whatever classes there are."""
+    turned = [*_turned("labels", found.labels.turned), *_turned("results", found.results.turned)]
+    return [*turned, *_equal_scores(found.results), *(one.text for one in found.mistakes)]
+
+
 def label_warnings(labels: LabelCounts, results: Sequence[ResultCounts]) -> list[str]:
     """What looks like a mistake in labels that several folders of results are held against, and in asked classes."""
     return [*_turned("labels", labels.turned), *unknown_classes(labels, results)]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from fl3d.config.settings import Settings
 from fl3d.core.errors import StoreError
+from fl3d.core.plurals import several
 from fl3d.evaluation.protocol import Protocol
 from fl3d.runs.asked import Asked, asked_for
 from fl3d.runs.design import refuse_other_design
@@ -36,9 +37,9 @@ def open_sweep(
         StoreError: no trial of it is done, or none is asked for.
         ConfigError: it compares another factor than ``sweep.factor``.
     """
-    found = _from_store(settings)
+    found, unshown = _from_store(settings)
     if found is None:
-        found = open_scores(settings, published)
+        found = open_scores(settings, published, unshown)
     refuse_other_design(settings.sweep, found.factor, settings.experiment)
     return asked_for(found, asked or {})
 
@@ -51,11 +52,12 @@ def is_stored(settings: Settings, published: Path | None = None) -> bool:
     return plan.exists() or any(file.exists() for file in files)
 
 
-def _from_store(settings: Settings) -> FinishedSweep | None:
+def _from_store(settings: Settings) -> tuple[FinishedSweep | None, dict[str, str]]:
+    """The sweep (None: the store shows no trial of it), and why trials that are done are not shown, by their keys."""
     layout = StoreFolder(settings.store.root)
     path = layout.plan(settings.experiment)
     if not path.exists():
-        return None
+        return None, {}
     plan = read_plan(path)
     trials = [
         FinishedTrial(trial, tuple(layout.run(key) for key in trial.stages))
@@ -67,8 +69,8 @@ def _from_store(settings: Settings) -> FinishedSweep | None:
     shown = tuple(trial for trial in trials if trial.key not in unshown)
     scores = tidy(raw, [trial.plan for trial in shown], settings.protocol)
     if scores.empty:
-        return None
-    return FinishedSweep(
+        return None, unshown
+    sweep = FinishedSweep(
         settings=settings,
         plan=plan,
         trials=shown,
@@ -76,6 +78,7 @@ def _from_store(settings: Settings) -> FinishedSweep | None:
         source=settings.store.root,
         unshown=unshown,
     )
+    return sweep, unshown
 
 
 def _unshown(
@@ -97,7 +100,11 @@ def _unshown(
         if trial.key not in held:
             why[trial.key] = f"scores under protocol {protocol.id} are not in the store"
         elif not trial.steps <= held[trial.key]:
-            why[trial.key] = "scores are not all in the store, where the sweep's command logs them"
+            step = min(trial.steps - held[trial.key])
+            why[trial.key] = (
+                f"scores of step {step} are not in the store, where the sweep's command logs them (if its detections "
+                "are damaged, verify says so)"
+            )
         elif trial.key in short:
             names = short[trial.key]
             more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
@@ -105,12 +112,15 @@ def _unshown(
     return why
 
 
-def open_scores(settings: Settings, published: Path | None = None) -> FinishedSweep:
+def open_scores(
+    settings: Settings, published: Path | None = None, unshown: Mapping[str, str] | None = None
+) -> FinishedSweep:
     """Open a sweep from a file of its scores, whatever the store holds.
 
     Args:
         settings: of the sweep.
         published: see ``open_sweep``.
+        unshown: why trials that are done have no scores in the store, by their keys.
 
     Raises:
         StoreError: there is no such file.
@@ -127,6 +137,12 @@ def open_scores(settings: Settings, published: Path | None = None) -> FinishedSw
             raise StoreError(
                 f"{settings.experiment}: none of its {len(asked)} trials is done yet; the command that started it "
                 "resumes it"
+            )
+        if unshown:
+            raise StoreError(
+                f"{settings.experiment}: {several(len(unshown), 'trial')} done, and none to show: its "
+                f"{next(iter(unshown.values()))}; the command that started it scores what is stored, and trains "
+                "nothing again"
             )
         raise StoreError(
             f"{settings.store.root}: no scores of {settings.experiment}, and none in {tried}; run the sweep first"

@@ -110,11 +110,11 @@ def pilot_of(gains: pd.DataFrame) -> Pilot | None:
         gains: see ``gains_by_seed``.
 
     Returns:
-        None where no level has two seeds.
+        None where no level has two seeds that differ: equal to the digit are copies, or runs that found nothing.
     """
     free = gains.count() - 1
-    spreads = gains.std(ddof=1)[free > 0]
-    free = free[free > 0]
+    free = free[gains.nunique() > 1]
+    spreads = gains.std(ddof=1)[free.index]
     if free.empty:
         return None
     spread = float(np.sqrt((free * spreads**2).sum() / free.sum()))

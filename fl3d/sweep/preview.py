@@ -66,7 +66,7 @@ def preview(
     else:
         count = several(sweeper.n_trials, "trial")
         say(f"{settings.experiment}: a study of {count}, proposed as it goes{unready}")
-        say(f"One of them, with nothing shared, has {len(plan.stages)} stages:")
+        say(f"One of them, with nothing shared, has {several(len(plan.stages), 'stage')}:")
     for line in forecast.summary():
         say(line)
     if sweeper.outlook():

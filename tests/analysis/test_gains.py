@@ -357,3 +357,15 @@ def test_a_gain_of_one_recall_step_is_told() -> None:
 )
 def test_a_step_is_about_nine_ap_that_r40_has_not(r11: float, r40: float, is_step: bool) -> None:
     assert is_one_step(r11, r40) is is_step
+
+
+def test_where_no_ground_truth_counts_there_are_no_gains_and_no_error() -> None:
+    unknown = Resampled(np.full((9, 2), np.nan), np.full((50, 9, 2), np.nan))
+    found = gains({"VoxelNet": {"0": {0: unknown}, "2": {0: unknown}}}, "0")
+    assert found.empty
+    assert {"level", "gain", "marked"} <= set(found.columns)
+
+
+def test_recalls_are_means_over_classes_that_have_labels() -> None:
+    cars = recalls(compared(0.1))
+    pd.testing.assert_frame_equal(recalls(compared(0.1), ["Car", "Pedestrian"]), cars)

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from fl3d.analysis import AVERAGES
-from fl3d.analysis.samples import CELLS, Comparisons, Resampled, paired, resample_mean
+from fl3d.analysis.samples import (
+    CELLS,
+    Comparisons,
+    Resampled,
+    counted,
+    paired,
+    resample_mean,
+)
+from fl3d.analysis.split_halves import halved
 from fl3d.evaluation.bootstrap import resampled_aps, unit_weights, widened
 from tests.analysis.making import resample_sweep
 from tests.evaluation.test_bootstrap import comparison, scene
@@ -114,3 +122,13 @@ def test_where_no_ground_truth_counts_there_is_no_ap_and_a_mean_is_over_the_othe
         both, of_both = resample_mean(one, cell, None, 5, classes)
         assert (both == cars).all()
         assert (of_both == draws).all()
+
+
+def test_a_mean_is_over_the_classes_that_have_ground_truths_there() -> None:
+    cars_alone = comparison(*scene(5, N_FRAMES))
+    overlaps = dict.fromkeys(("Car", "Pedestrian", "Cyclist"), (0.5, 0.5, 0.5))
+    overlaps |= cars_alone.protocol.overlaps
+    one = replace(cars_alone, protocol=replace(cars_alone.protocol, overlaps=overlaps))
+    assert counted(one, ("3d", "moderate"), ("Pedestrian", "Car", "Cyclist")) == ("Car",)
+    assert counted(one, ("3d", "moderate"), ("Pedestrian", "Cyclist")) == ("Pedestrian",)
+    assert halved([one], ["Car", "Pedestrian"]) == halved([one], ["Car"])

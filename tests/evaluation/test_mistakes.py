@@ -193,6 +193,12 @@ def test_two_mistakes_are_two_lines(gt: LabelTable, det: LabelTable) -> None:
     assert [line.partition(":")[0] for line in lines] == ["heights", "headings", "scores"]
 
 
+def test_results_that_all_stand_at_the_origin_are_no_error(gt: LabelTable, det: LabelTable) -> None:
+    """Without 2D boxes either there are no pairs, and a median distance of 0 has no logarithm."""
+    nowhere = changed(slice(X, Z + 1), lambda v: np.zeros((len(v), 3)))
+    assert told(gt, det, both(FLAT, nowhere), "lidar") == []
+
+
 def test_few_results_are_not_judged(gt: LabelTable, det: LabelTable) -> None:
     """Nine pairs; a median of them may be anything."""
     others = np.ones(len(det.values), dtype=bool)
@@ -256,15 +262,21 @@ def test_compare_warns_once_a_detector_and_before_it_refuses(
 
 
 def test_python_is_warned_too(folders: dict[str, Path]) -> None:
-    with pytest.warns(UserWarning, match="Car|Cyclist") as warned:
+    """Of mistakes alone, in the line that calls; whoever gives ``warn`` is told what the command prints."""
+    with pytest.warns(fl3d.ResultsWarning) as warned:
         found = fl3d.evaluate(folders["labels"], folders["sizes"])
-    assert [str(one.message)[:27] for one in warned] == [
-        "no result is a Pedestrian o",
-        "sizes of Car seem to be wri",
+    (one,) = warned
+    assert str(one.message).startswith("sizes of Car seem to be written as")
+    assert one.filename == __file__
+    lines: list[str] = []
+    fl3d.evaluate(folders["labels"], folders["sizes"], warn=lines.append)
+    assert [line[:26] for line in lines] == [
+        "no result is a Pedestrian ",
+        "sizes of Car seem to be wr",
     ]
     assert [one.kind for one in found.mistakes] == ["sizes"]
     pair = {"ours": folders["sizes"], "theirs": folders["honest"]}
-    with pytest.warns(UserWarning, match="ours: sizes of Car seem to be written as"):
+    with pytest.warns(fl3d.ResultsWarning, match="ours: sizes of Car seem to be written as"):
         compared = fl3d.compare(folders["labels"], pair)
     assert len(compared.held.warnings) == 1
 

@@ -143,6 +143,9 @@ def test_where_a_level_lacks_seeds_of_the_baseline_its_gain_is_said_to_be_no_dif
         "AP and gain of a level are of the seeds that it shares with the baseline, whose own AP is of all its seeds: "
         "the gain is not the difference of the two APs for γ = 2 (3 of 5).",
     )
+    rows["copies"] = None
+    rows.loc[rows["level"] == "2", "copies"] = "seeds 0, 1, 2"  # said where the seeds are counted
+    assert [table.notes for table in verdict_tables(rows, GAMMAS, 1.0)] == [(), ()]
 
 
 def test_in_short_names_levels_with_a_verdict_and_counts_the_others() -> None:

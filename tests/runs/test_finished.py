@@ -428,8 +428,11 @@ def test_a_sweep_that_is_nowhere_says_where_was_looked(world: World) -> None:
 
 def test_scores_under_another_protocol_are_not_shown(ran: World) -> None:
     other = settings_of(ran.root, "protocol=kitti")
-    with pytest.raises(StoreError, match="no scores of test-simulated-tiny"):
+    with pytest.raises(
+        StoreError, match="6 trials done, and none to show: its scores under protocol"
+    ) as caught:
         open_sweep(other)
+    assert "trains nothing again" in str(caught.value)
     ran.log(GRID[:2], other.protocol)
     assert len(open_sweep(other).trials) == 2
     assert len(open_sweep(ran.settings).scores) == 6 * 3

@@ -54,6 +54,11 @@ def test_levels_spreads_are_pooled_by_degrees_of_freedom() -> None:
     assert found.spread == pytest.approx((8 / 3) ** 0.5)
     assert found.source == "spread between seeds 1.6 AP, of 2 levels with 2 to 3 seeds, 1.4 to 1.7"
     assert pilot_of(gains[["5"]]) is None
+    copies = gains.assign(copied=[2.0, 2.0, 2.0])
+    assert pilot_of(copies[["copied"]]) is None
+    alone = pilot_of(copies)
+    assert alone is not None
+    assert alone.spread == found.spread
     assert pilot_of(pd.DataFrame()) is None
 
 
