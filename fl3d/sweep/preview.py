@@ -15,6 +15,7 @@ from fl3d.sweep.pilot import find_pilots
 from fl3d.sweep.plan import Plan
 from fl3d.sweep.planner import Planner
 from fl3d.sweep.power import Question, power_lines
+from fl3d.sweep.setup import looks_before, paid_looks
 from fl3d.sweep.sweepers.base import Point, Sweeper
 from fl3d.sweep.tree import plan_tree
 
@@ -72,7 +73,9 @@ def preview(
     if sweeper.outlook():
         say(sweeper.outlook())
     if points:
-        asked = Question(settings.sweep, baseline, sweeper.looks, margin)
+        seeds = [trial.seed for trial in plan.trials]
+        looks = paid_looks(looks_before(settings, plan), sweeper.looks, seeds)
+        asked = Question(settings.sweep, baseline, looks, margin)
         for line in _power(plan, settings, forecast, asked, spread):
             say(line)
     say("")

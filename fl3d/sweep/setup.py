@@ -93,7 +93,7 @@ def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
     data = prepare_data(settings.data)
     info = DataInfo(data.digest, len(data.train_ids), data.image_digest)
     planner, plan = _first_plan(sweeper, settings, info, points)
-    before = _looks_before(settings, plan)
+    before = looks_before(settings, plan)
     planner.looks = paid_looks(before, sweeper.looks, [trial.seed for trial in plan.trials])
     return Prepared(
         sweeper=sweeper,
@@ -144,7 +144,7 @@ def looks_kept(prepared: Prepared) -> str:
     )
 
 
-def _looks_before(settings: Settings, plan: Plan) -> tuple[int, ...]:
+def looks_before(settings: Settings, plan: Plan) -> tuple[int, ...]:
     """Looks of the plan of this name from an earlier start that had any of these trials.
 
     Raises:

@@ -298,6 +298,13 @@ def test_a_grid_of_the_same_words_keeps_the_looks_and_says_so(
     sweeping(Finding(off))
     said: list[str] = []
     grid = small_sweep(simulated, tmp_path / "one", FIRST, "sweep.name=rounds")
+    unseen = small_sweep(simulated, tmp_path / "two", FIRST, "sweep.name=rounds")
+    told: list[list[str]] = [[], []]
+    for prepared, lines in zip((grid, unseen), told, strict=True):
+        preview(prepared.sweeper, InlineLauncher(), lines.append, spread=1.0)
+    powers = [next(line for line in lines if "AP or more" in line) for lines in told]
+    assert "or more by 5 seeds" in powers[0]  # three looks, of which the last is after five
+    assert "or more by 3 seeds" in powers[1]
     run_sweep(grid, Finding(off), MemoryStore(grid.settings.store.root), said.append)
     assert read_plan(grid.layout.plan(grid.settings.experiment)).looks == (3, 4, 5)
     (line,) = [line for line in said if "stay paid for" in line]
