@@ -177,7 +177,15 @@ def test_help_teaches() -> None:
         (["stage", "runs/stages/typo"], "no such file"),
         (["data=kitti"], "data.root=FOLDER"),
         (
-            ["verify", "+sweep=gamma", "--from-weights", "profile=tiny", "store.root=/nowhere"],
+            # results=: a checkout in which the sweep was run has its scores in out/
+            [
+                "verify",
+                "+sweep=gamma",
+                "--from-weights",
+                "profile=tiny",
+                "store.root=/nowhere",
+                "results=/nowhere",
+            ],
             "run the sweep first",
         ),
     ],
