@@ -14,7 +14,7 @@ from fl3d.data.drives import has_mapping
 from fl3d.data.label_table import LabelTable, read_table
 from fl3d.evaluation import MISSING as MISSING_OF_ONE
 from fl3d.evaluation.average_precision import Comparison, compare
-from fl3d.evaluation.counts import count_labels, count_results
+from fl3d.evaluation.counts import ResultCounts, count_labels, count_results
 from fl3d.evaluation.frames import Choice, choose_frames, read_results
 from fl3d.evaluation.mistakes import find_mistakes
 from fl3d.evaluation.protocol import DIFFICULTIES, Protocol
@@ -56,20 +56,21 @@ class Held:
     def warnings(self) -> tuple[str, ...]:
         """What looks like a mistake in the labels or in a detector's results, as ``evaluate`` says it, a line each."""
         labels = next(iter(self.runs.values()))[0].gt
-        results = [
-            count_results(run.det, self.protocol) for own in self.runs.values() for run in own
-        ]
-        lines = label_warnings(count_labels(labels, self.protocol), results)
-        return (*lines, *(line for name in self.names for line in self._warnings_of(name)))
+        counts = {
+            name: [count_results(run.det, self.protocol) for run in own]
+            for name, own in self.runs.items()
+        }
+        every = [one for own in counts.values() for one in own]
+        lines = label_warnings(count_labels(labels, self.protocol), every)
+        told = (line for name in self.names for line in self._warnings_of(name, counts[name]))
+        return (*lines, *told)
 
-    def _warnings_of(self, name: str) -> list[str]:
-        """Of a detector; what several of its runs have is told of the first of them."""
+    def _warnings_of(self, name: str, counts: Sequence[ResultCounts]) -> list[str]:
+        """Of a detector, whose runs are counted; what several of them have is told of the first."""
         first: dict[str, str] = {}
         times: dict[str, int] = {}
-        for run in self.runs[name]:
-            for kind, text in result_warnings(
-                count_results(run.det, self.protocol), find_mistakes(run)
-            ):
+        for run, count in zip(self.runs[name], counts, strict=True):
+            for kind, text in result_warnings(count, find_mistakes(run)):
                 first.setdefault(kind, text)
                 times[kind] = times.get(kind, 0) + 1
         more = {kind: f" (so in {n} of its runs)" if n > 1 else "" for kind, n in times.items()}

@@ -29,7 +29,7 @@ from fl3d.sweep.pictures import draw_frame_with_most_objects
 from fl3d.sweep.places import check_places
 from fl3d.sweep.plan import DataInfo, Plan
 from fl3d.sweep.planner import Planner, check_shared
-from fl3d.sweep.prepare import PreparedData, prepare_data
+from fl3d.sweep.prepare import PreparedData, is_prepared, prepare_data
 from fl3d.sweep.recorder import Subject
 from fl3d.sweep.scoreboard import Scoreboard
 from fl3d.sweep.sweepers.base import Point, Sweeper
@@ -88,7 +88,8 @@ def prepare_sweep(sweeper: Sweeper, words: Sequence[str] = ()) -> Prepared:
     check_places(settings)
     points = sweeper.first()
     check_shared(points, sweeper.base)  # before frames are simulated
-    if points and settings.sweep.factor:  # a slip there costs no simulation of frames
+    if points and settings.sweep.factor and not is_prepared(settings.data):
+        # A slip there costs no simulation; frames that are there are read once, below.
         _first_plan(sweeper, settings, expect_data(settings.data).info, points)
     data = prepare_data(settings.data)
     info = DataInfo(data.digest, len(data.train_ids), data.image_digest)
